@@ -1,0 +1,157 @@
+"""Every knob that changes a result: one frozen struct per stage. Unknown names are refused, ranges are declared.
+
+Constructors do not validate; ``settings_from`` converts once and does.
+"""
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from wildpuppet.errors import SettingsError
+
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+Positive = Annotated[float, Meta(gt=0.0)]
+NotNegative = Annotated[float, Meta(ge=0.0)]
+Count = Annotated[int, Meta(ge=1)]
+
+
+class ProbeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Reading the clip: the frame table and the shots."""
+
+    cut_threshold: Positive = 3.0
+    """How many times its neighbours' change a frame's change must be to start a shot. Lower finds more cuts."""
+    cut_least_change: Positive = 15.0
+    """The least mean change (0..255, HSV) of a cut. Lower finds cuts between similar pictures and more false ones."""
+    least_shot_frames: Count = 4
+    """Cuts closer together than this are one (a flash)."""
+
+
+class TrackSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Following the character's box."""
+
+    method: Literal["csrt", "kcf", "mil", "nano", "vit", "dasiamrpn"] = "csrt"
+    """The OpenCV tracker; the last three need ``model``."""
+    model: str = ""
+    """Model file(s) for nano, vit and dasiamrpn, comma-separated in OpenCV's order."""
+    smooth_frames: NotNegative = 4.0
+    """Standard deviation of the boxes' smoothing, in frames. Higher is steadier and slower to follow."""
+    lost_score: Share = 0.35
+    """Appearance score under which the character counts as lost."""
+
+
+class CropSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Cutting windows around the character, the background plate and the matte."""
+
+    margin: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.4
+    """Window size beyond the box, as a share of the box's larger side, on each side."""
+    box_pixels: Annotated[int, Meta(ge=32, le=1024)] = 224
+    """Crop pixels along the larger side of the character's box. Higher is finer and slower (quadratic)."""
+    matte: bool = True
+    """Estimate a background plate and a soft matte where the camera's motion allows."""
+    hold_threshold: NotNegative = 1.5
+    """Mean change (0..255) under which a frame repeats the drawing before it; 0 switches holds off."""
+
+
+class PuppetSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Building the mesh from a puppet folder."""
+
+    margin: Positive = 4.0
+    """Canvas pixels that the mesh reaches beyond the drawing, so that the texture's own alpha makes the edge."""
+    edge: Positive = 0.06
+    """Target edge length as a share of the character's larger side. Lower: finer meshes, slower fits."""
+    least_angle: Annotated[float, Meta(ge=10.0, le=30.0)] = 25.0
+    """Smallest triangle angle in degrees that meshing aims for."""
+    subdivide: Annotated[int, Meta(ge=0, le=3)] = 0
+    """Rounds of midpoint subdivision; each makes four triangles of one."""
+
+
+class AutoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The automatic puppet, when no folder is given."""
+
+    most_parts: Annotated[int, Meta(ge=1, le=40)] = 12
+    """At most this many parts."""
+    least_limb: Share = 0.12
+    """Shortest limb, as a share of the character's larger side."""
+
+
+class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The global search for the pose: tree-structured dynamic programming over rotated part templates."""
+
+    enabled: bool = True
+    """Off: the fit starts from the placed rest pose and from the frame before, as the paper does."""
+    box_pixels: Annotated[int, Meta(ge=24, le=256)] = 72
+    """Search pixels along the larger side of the character. Higher is surer on thin limbs and slower."""
+    angles: Annotated[int, Meta(ge=8, le=120)] = 36
+    """Rotations of a full turn that are tried."""
+    num_best: Annotated[int, Meta(ge=1, le=64)] = 8
+    """Hypotheses kept per frame."""
+
+
+class FitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The energy and its descent. Units: images 0..255, vertices in [-1, 1], areas in pixels (METHOD.md section 2)."""
+
+    method: Literal["descent", "network"] = "descent"
+    """descent: search, then exact-gradient descent on vertices; network: the paper's deformation network."""
+    steps: Annotated[int, Meta(ge=0, le=100000)] = 60
+    """Descent steps per pyramid level."""
+    reconstruction: NotNegative = 1.0
+    """Weight of the masked reconstruction."""
+    arap: NotNegative = 2500.0
+    """Weight of as-rigid-as-possible. Higher: stiffer parts; lower: softer, noisier."""
+    joints: NotNegative = 1.0e4
+    """Weight of the hinges."""
+    area: NotNegative = 2.0e-3
+    """Weight of the area term."""
+    seed: int = 0
+    """Seed of every random choice."""
+
+
+class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Training the deformation network (fit.method = "network")."""
+
+    iterations: Annotated[int, Meta(ge=1)] = 2000
+    """Optimiser steps."""
+    batch: Count = 16
+    """Frames per step."""
+    learning_rate: Positive = 1.0e-4
+    """Adam's step size; the global bias learns at a tenth of it."""
+    code: Count = 512
+    """Size of the latent code."""
+    code_relu: bool = True
+    """The paper's ReLU on the code; off makes the code two-sided, which interpolation wants."""
+    encoder_pixels: Annotated[int, Meta(ge=16, le=512)] = 64
+    """Side of the square image the encoder sees."""
+    seed: int = 0
+    """Seed of initial weights and batches."""
+
+
+class OutSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is written to OUT beside meshes.npz and run.json."""
+
+    preview: bool = True
+    """Write preview.mp4 and sheet.png."""
+    meshes: Literal["none", "obj", "glb"] = "none"
+    """Also write one mesh file per frame."""
+
+
+class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """All stages' settings; a TOML preset has one table per field."""
+
+    probe: ProbeSettings = ProbeSettings()
+    track: TrackSettings = TrackSettings()
+    crop: CropSettings = CropSettings()
+    puppet: PuppetSettings = PuppetSettings()
+    auto: AutoSettings = AutoSettings()
+    search: SearchSettings = SearchSettings()
+    fit: FitSettings = FitSettings()
+    train: TrainSettings = TrainSettings()
+    out: OutSettings = OutSettings()
+
+
+def settings_from(tree: dict[str, Any]) -> Settings:
+    """Convert and validate nested plain values; raises SettingsError that names the setting and what was expected."""
+    try:
+        return msgspec.convert(tree, Settings)
+    except msgspec.ValidationError as error:
+        raise SettingsError(f"settings: {error}; `wildpuppet run --help` lists every setting") from None
