@@ -56,8 +56,12 @@ class CropSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class PuppetSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Building the mesh from a puppet folder."""
 
-    margin: Positive = 4.0
+    margin: Annotated[float, Meta(ge=3.0, le=200.0)] = 4.0
     """Canvas pixels that the mesh reaches beyond the drawing, so that the texture's own alpha makes the edge."""
+    least_alpha: Annotated[int, Meta(ge=1, le=255)] = 16
+    """Alpha (0..255) from which a pixel belongs to its part. Lower takes in faint glows and scanner dust."""
+    bridge: Share = 0.1
+    """Islands of one part closer than this share of the character's larger side move as one piece."""
     edge: Positive = 0.06
     """Target edge length as a share of the character's larger side. Lower: finer meshes, slower fits."""
     least_angle: Annotated[float, Meta(ge=10.0, le=30.0)] = 25.0
