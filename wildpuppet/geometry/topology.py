@@ -52,7 +52,9 @@ def subdivide(
     return finer, children.transpose(2, 0, 1).reshape(-1, 3), edges
 
 
-def signed_areas(vertices: Float[np.ndarray, "*batch V 2"], triangles: Int[np.ndarray, "F 3"]) -> Float[np.ndarray, "*batch F"]:
+def signed_areas(
+    vertices: Float[np.ndarray, "*batch V 2"], triangles: Int[np.ndarray, "F 3"]
+) -> Float[np.ndarray, "*batch F"]:
     """Measure triangles' areas; positive where the corners turn from x towards y (clockwise on screen)."""
     a, b, c = (vertices[..., triangles[:, corner], :] for corner in range(3))
     areas: Float[np.ndarray, "*batch F"] = 0.5 * (
@@ -67,7 +69,7 @@ def smallest_angles(vertices: Float[np.ndarray, "V 2"], triangles: Int[np.ndarra
     sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
     a, b, c = np.sort(sides, axis=1).T
     cosine = (b * b + c * c - a * a) / np.maximum(2.0 * b * c, np.finfo(float).tiny)
-    angles: Float[np.ndarray, "F"] = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    angles: Float[np.ndarray, " F"] = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
     return np.where(c > 0.0, angles, 0.0)
 
 

@@ -53,8 +53,9 @@ def _constrained(points: Float[np.ndarray, "n 2"], edges: Int[np.ndarray, "n 2"]
     )
     unique, index = np.unique(points, axis=0, return_inverse=True)
     edges = index.reshape(-1)[edges]
-    mesh.insert_vertices(np.ascontiguousarray(unique))
-    mesh.insert_edges(np.ascontiguousarray(edges[edges[:, 0] != edges[:, 1]], dtype=np.uint32))
+    mesh.insert_vertices(memoryview(np.ascontiguousarray(unique)))
+    edges = np.ascontiguousarray(edges[edges[:, 0] != edges[:, 1]], dtype=np.uint32)
+    mesh.insert_edges(memoryview(edges))
     return mesh
 
 

@@ -82,7 +82,7 @@ def rest_box(cutout: CutOut, least_alpha: int) -> tuple[float, float, float, flo
     for part in cutout.parts:
         rows, columns = np.nonzero(part.rgba[..., 3] >= least_alpha)
         if not len(rows):
-            raise PuppetError(f"puppet part {part.name!r}: no pixel with alpha of at least {least_alpha}; draw or remove it")
+            raise _empty(part.name, least_alpha)
         lows.append((columns.min(), rows.min()))
         highs.append((columns.max() + 1, rows.max() + 1))
     low, high = np.min(lows, axis=0), np.max(highs, axis=0)
@@ -105,8 +105,12 @@ def part_silhouette(part: Part, side: float, settings: PuppetSettings) -> Silhou
         bridge=settings.bridge * side,
     )
     if found is None:
-        raise PuppetError(f"puppet part {part.name!r}: no pixel with alpha of at least {settings.least_alpha}")
+        raise _empty(part.name, settings.least_alpha)
     return found
+
+
+def _empty(name: str, least_alpha: int) -> PuppetError:
+    return PuppetError(f"puppet part {name!r}: no pixel with alpha of at least {least_alpha}; draw or remove it")
 
 
 def _layer(part: Part, side: float, settings: PuppetSettings) -> _Layer:
@@ -114,9 +118,7 @@ def _layer(part: Part, side: float, settings: PuppetSettings) -> _Layer:
     if area.num_specks:
         _logger.info("part %r: %d speck(s) dropped", part.name, area.num_specks)
     edge = min(settings.edge * side, (max(area.mask.shape) + 2.0 * settings.margin) / PART_EDGES)
-    rings = rings_around(
-        area.mask, margin=settings.margin, tolerance=TOLERANCE_SHARE * edge, least_hole=edge**2
-    )
+    rings = rings_around(area.mask, margin=settings.margin, tolerance=TOLERANCE_SHARE * edge, least_hole=edge**2)
     rings = [ring + np.array(area.origin, np.float64) for ring in rings]
     vertices, triangles = triangulate(rings, edge=edge, least_angle=settings.least_angle)
     for _ in range(settings.subdivide):

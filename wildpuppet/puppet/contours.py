@@ -20,7 +20,7 @@ def rings_around(mask: Bool[np.ndarray, "H W"], *, margin: float, tolerance: flo
     outside = ~np.pad(mask, pad, constant_values=False)
     distance = cv2.distanceTransform(outside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     smooth = ndimage.gaussian_filter(distance.astype(np.float64), 1.0)
-    raw = find_contours(smooth, margin + tolerance + 0.5)
+    raw = find_contours(smooth, margin + tolerance + 0.5)  # type: ignore[no-untyped-call]
     loops = [contour[:, ::-1] + 0.5 - pad for contour in raw if len(contour) >= 4]
     areas = np.array([_area(loop[:-1]) for loop in loops])
     outer = np.sign(areas[np.abs(areas).argmax()])
@@ -37,7 +37,7 @@ def simplify(loop: Ring, tolerance: float) -> Ring:
     loop = np.roll(loop[:-1], -start, axis=0)
     closed = np.concatenate([loop, loop[:1]])
     while tolerance > 0.05:
-        ring = approximate_polygon(closed, tolerance)[:-1]
+        ring = approximate_polygon(closed, tolerance)[:-1]  # type: ignore[no-untyped-call]
         if len(ring) >= 4 and not crosses_itself(ring):
             return np.asarray(ring, np.float64)
         tolerance *= 0.5

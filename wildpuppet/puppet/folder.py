@@ -221,4 +221,3 @@ def _publish(beside: Path, folder: Path) -> None:
     for image in sorted((beside / "parts").iterdir()):
         image.replace(folder / "parts" / image.name)
     (beside / "puppet.json").replace(folder / "puppet.json")
-

@@ -29,9 +29,7 @@ def nearest_middle(a: Bool[np.ndarray, "H W"], b: Bool[np.ndarray, "H W"]) -> tu
     return (float(middle[0]), float(middle[1])), float(distance[nearest])
 
 
-def barycentrics(
-    point: Float[np.ndarray, "2"], corners: Float[np.ndarray, "F 3 2"]
-) -> Float[np.ndarray, "F 3"]:
+def barycentrics(point: Float[np.ndarray, "2"], corners: Float[np.ndarray, "F 3 2"]) -> Float[np.ndarray, "F 3"]:
     """Write a point as a mix of the corners of each triangle; outside a triangle a weight is negative."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     total = _cross(b - a, c - a)
@@ -64,7 +62,7 @@ def _place(joint: JointSpec, parts: dict[str, Part], least_alpha: int) -> tuple[
 
 
 def _cross(a: Float[np.ndarray, "F 2"], b: Float[np.ndarray, "F 2"]) -> Float[np.ndarray, "F"]:
-    cross: Float[np.ndarray, "F"] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    cross: Float[np.ndarray, " F"] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return cross
 
 
@@ -74,5 +72,5 @@ def _distances(point: Float[np.ndarray, "2"], corners: Float[np.ndarray, "F 3 2"
     along = end - start
     length = np.maximum((along**2).sum(axis=2), np.finfo(float).tiny)
     share = np.clip(((point - start) * along).sum(axis=2) / length, 0.0, 1.0)
-    distances: Float[np.ndarray, "F"] = np.linalg.norm(start + share[..., None] * along - point, axis=2).min(axis=1)
+    distances: Float[np.ndarray, " F"] = np.linalg.norm(start + share[..., None] * along - point, axis=2).min(axis=1)
     return distances
