@@ -53,9 +53,10 @@ def _constrained(points: Float[np.ndarray, "n 2"], edges: Int[np.ndarray, "n 2"]
     )
     unique, index = np.unique(points, axis=0, return_inverse=True)
     edges = index.reshape(-1)[edges]
-    mesh.insert_vertices(memoryview(np.ascontiguousarray(unique)))
+    # numpy announces the buffer protocol to type checkers from Python 3.12 on, hence the two ignores
+    mesh.insert_vertices(np.ascontiguousarray(unique))  # type: ignore[call-overload]
     edges = np.ascontiguousarray(edges[edges[:, 0] != edges[:, 1]], dtype=np.uint32)
-    mesh.insert_edges(memoryview(edges))
+    mesh.insert_edges(edges)  # type: ignore[call-overload]
     return mesh
 
 

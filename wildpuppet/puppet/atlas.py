@@ -60,7 +60,8 @@ def border_texels(
         x, y = np.floor(points - 0.5).astype(int).T
         for shift_x, shift_y in ((0, 0), (1, 0), (0, 1), (1, 1)):
             touched[np.clip(y + shift_y, 0, shape[0] - 1), np.clip(x + shift_x, 0, shape[1] - 1)] = True
-    return ndimage.binary_dilation(touched)
+    grown: Bool[np.ndarray, "h w"] = ndimage.binary_dilation(touched)
+    return grown
 
 
 def bleed(rgba: UInt8[np.ndarray, "h w 4"]) -> UInt8[np.ndarray, "h w 4"]:
