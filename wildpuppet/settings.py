@@ -90,6 +90,14 @@ class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Rotations of a full turn that are tried."""
     num_best: Annotated[int, Meta(ge=1, le=64)] = 8
     """Hypotheses kept per frame."""
+    colours: Annotated[int, Meta(ge=2, le=64)] = 20
+    """Palette size of the part templates. Higher tells similar shades apart and costs time."""
+    hinge_slack: Positive = 0.03
+    """How far a hinge may open at a cost of 1 part's evidence, as a share of the character's size."""
+    turn: NotNegative = 0.08
+    """Cost of turning a part against its parent, per squared radian (linear beyond half a radian)."""
+    time_weight: NotNegative = 3.0
+    """Cost of parts moving between drawings, per part and character size. 0 takes each frame by itself."""
 
 
 class FitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

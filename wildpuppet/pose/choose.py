@@ -1,0 +1,92 @@
+"""Choice over time: one hypothesis per frame, by Viterbi over each shot.
+
+A limb swap often has the lower pixel cost in one frame; over time it would make two limbs jump. The path pays each
+frame's whole-pose cost plus, between frames, how far and how much parts move and turn (truncated, so that a real jump
+to a new drawing costs a bounded amount).
+"""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from wildpuppet.geometry import affine
+from wildpuppet.machine import Machine
+from wildpuppet.pose.place import pose_vertices
+from wildpuppet.settings import SearchSettings
+from wildpuppet.types import Crops, Hypotheses, Poses, Puppet
+
+
+def choose(puppet: Puppet, crops: Crops, hypotheses: Hypotheses, settings: SearchSettings, machine: Machine) -> Poses:
+    """Choose one hypothesis per frame; ``hypotheses`` covers all frames in order.
+
+    Unordered drawings take each frame's best. Frames of one drawing (a hold) take one choice together.
+    """
+    if settings.time_weight and crops.ordered:
+        picked = _pick_over_time(puppet, crops, hypotheses, settings)
+    else:
+        picked = np.zeros(len(crops.frames), np.int64)
+    rows = np.arange(len(picked))
+    machine.progress(len(picked), len(picked))
+    return Poses(
+        hypotheses.crop_from_canvas[rows, picked],
+        hypotheses.order[rows, picked],
+        hypotheses.cost[rows, picked],
+        _margins(hypotheses.cost, picked),
+    )
+
+
+def _pick_over_time(
+    puppet: Puppet, crops: Crops, hypotheses: Hypotheses, settings: SearchSettings
+) -> Int[np.ndarray, "T"]:
+    vertices = pose_vertices(puppet, hypotheses.crop_from_canvas)
+    size = float(np.median(np.ptp(vertices[:, 0], axis=1).max(-1)))
+    picked = np.zeros(len(crops.frames), np.int64)
+    for shot in np.unique(crops.shot):
+        index = np.flatnonzero(crops.shot == shot)
+        starts = index[np.r_[True, np.diff(crops.drawing[index]) != 0]]
+        steps = [
+            settings.time_weight * _movement(puppet, crops, vertices, a, b) / size
+            for a, b in zip(starts[:-1], starts[1:], strict=True)
+        ]
+        path = best_path(hypotheses.cost[starts], steps)
+        picked[index] = path[np.searchsorted(starts, index, side="right") - 1]
+    return picked
+
+
+def _movement(
+    puppet: Puppet, crops: Crops, vertices: Float[np.ndarray, "T N V 2"], a: int, b: int
+) -> Float[np.ndarray, "N N"]:
+    """Mean movement of the vertices between two frames' hypotheses, each vertex's share bounded, crop pixels."""
+    b_from_a = affine.compose(affine.invert(crops.video_from_crop[b]), crops.video_from_crop[a])
+    moved = affine.apply(b_from_a[None], vertices[a])
+    far = np.linalg.norm(moved[:, None] - vertices[b][None], axis=-1)
+    limit = 0.15 * float(np.ptp(vertices[b, 0], axis=0).max())
+    per_layer = np.stack(
+        [np.minimum(far[..., puppet.layer_of_vertex == layer], limit).mean(-1) for layer in range(puppet.num_layers)]
+    )
+    movement: Float[np.ndarray, "N N"] = per_layer.sum(0)
+    return movement
+
+
+def best_path(costs: Float[np.ndarray, "T N"], steps: list[Float[np.ndarray, "N N"]]) -> Int[np.ndarray, "T"]:
+    """Find the cheapest path (Viterbi); ``steps[t][i, j]`` is the cost of going from i at t to j at t + 1."""
+    total, came_from = costs[0], []
+    for cost, step in zip(costs[1:], steps, strict=True):
+        through = total[:, None] + step
+        came_from.append(through.argmin(0))
+        total = through.min(0) + cost
+    path = [int(total.argmin())]
+    for back in reversed(came_from):
+        path.append(int(back[path[-1]]))
+    return np.array(path[::-1], np.int64)
+
+
+def _margins(cost: Float[np.ndarray, "T N"], picked: Int[np.ndarray, "T"]) -> Float[np.ndarray, "T"]:
+    """How much more the best other hypothesis costs; negative where time overruled the pixels."""
+    if cost.shape[1] < 2:
+        return np.full(len(cost), np.inf)
+    others = cost.copy()
+    rows = np.arange(len(cost))
+    own = others[rows, picked].copy()
+    others[rows, picked] = np.inf
+    margins: Float[np.ndarray, "T"] = others.min(1) - own
+    return margins

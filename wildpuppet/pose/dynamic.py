@@ -1,0 +1,140 @@
+"""Tree-structured dynamic programming over (angle, y, x) of every part (pictorial structures).
+
+Felzenszwalb and Huttenlocher, "Pictorial Structures for Object Recognition" (IJCV 2005): messages run from the leaves
+to the root, each the child's accumulated cost moved to the joint, spread by the joint's spring and by the cost of
+turning. ``Solution`` keeps the accumulated maps, so that any part's alternatives, given its parent, can be read off.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from wildpuppet.pose import kernels
+from wildpuppet.pose.templates import PartImage, Templates
+from wildpuppet.pose.tree import Edge, Tree
+
+OUTSIDE = 4.0
+"""Cost of a joint that leaves the search window."""
+
+
+@dataclass(frozen=True)
+class Springs:
+    """Costs of bending the tree. Distances in search pixels, angles in radians."""
+
+    hinge: float
+    loose: float
+    turn: float
+    loose_turn: float
+    radius: int
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Accumulated cost of every part at every (angle, y, x): its own template and everything below it."""
+
+    tree: Tree
+    templates: Templates
+    springs: Springs
+    images: tuple[PartImage, ...]
+    accumulated: tuple[Float[np.ndarray, "K H W"], ...]
+    links: dict[int, Edge]
+
+
+State = tuple[int, int, int]
+"""Angle index, x, y of a part's pivot pixel."""
+
+
+def turn_costs(radians: Float[np.ndarray, "K"], weight: float) -> Float[np.ndarray, "K"]:
+    """Cost of a child's turn relative to its parent: quadratic near rest, linear beyond half a radian."""
+    turn = np.abs((radians + np.pi) % (2 * np.pi) - np.pi)
+    return (weight * np.where(turn < 0.5, turn**2, turn - 0.25)).astype(np.float32)
+
+
+def joint_offsets(
+    image: PartImage, templates: Templates, at: tuple[float, float]
+) -> Int[np.ndarray, "K 2"]:
+    """Offset (x, y) in pixels from a part's pivot to the joint, for every angle."""
+    arm = (np.asarray(at) - image.pivot) * templates.scale
+    cos, sin = np.cos(templates.radians), np.sin(templates.radians)
+    turned = np.stack([cos * arm[0] - sin * arm[1], sin * arm[0] + cos * arm[1]], -1)
+    return np.rint(turned).astype(np.int64)
+
+
+def solve(
+    unary: list[Float[np.ndarray, "K H W"]],
+    tree: Tree,
+    images: tuple[PartImage, ...],
+    templates: Templates,
+    springs: Springs,
+) -> Solution:
+    """Pass messages from the leaves to the root."""
+    accumulated = [cost.copy() for cost in unary]
+    for edge in reversed(tree.edges):
+        to_joint = -joint_offsets(images[edge.child], templates, edge.at)
+        message = kernels.shift_each(accumulated[edge.child], to_joint, OUTSIDE)
+        message = kernels.spring_transform(message, springs.hinge if edge.is_hinge else springs.loose, springs.radius)
+        weight = springs.turn if edge.is_hinge else springs.loose_turn
+        message = kernels.turn_transform(message, turn_costs(templates.radians, weight))
+        from_pivot = joint_offsets(images[edge.parent], templates, edge.at)
+        accumulated[edge.parent] += kernels.shift_each(message, from_pivot, OUTSIDE)
+    links = {edge.child: edge for edge in tree.edges}
+    return Solution(tree, templates, springs, images, tuple(accumulated), links)
+
+
+def root_modes(solution: Solution, num: int, apart: int) -> list[tuple[float, State]]:
+    """List the root's best states, each at least ``apart`` pixels or a quarter turn from the better ones."""
+    costs = solution.accumulated[solution.tree.root].copy()
+    num_angles = len(costs)
+    modes: list[tuple[float, State]] = []
+    for _ in range(num):
+        angle, y, x = (int(i) for i in np.unravel_index(np.argmin(costs), costs.shape))
+        if not np.isfinite(costs[angle, y, x]):
+            break
+        modes.append((float(costs[angle, y, x]), (angle, x, y)))
+        near = (np.arange(num_angles) - angle + num_angles // 2) % num_angles - num_angles // 2
+        rows = slice(max(0, y - apart), y + apart + 1)
+        columns = slice(max(0, x - apart), x + apart + 1)
+        costs[np.abs(near) <= num_angles // 8, rows, columns] = np.inf
+    return modes
+
+
+def child_modes(solution: Solution, child: int, parent_state: State, num: int) -> list[tuple[float, State]]:
+    """List a child's best states given its parent's, best first, no two at neighbouring angles."""
+    edge, templates, springs = solution.links[child], solution.templates, solution.springs
+    costs = solution.accumulated[child]
+    num_angles, height, width = costs.shape
+    arm = joint_offsets(solution.images[edge.parent], templates, edge.at)[parent_state[0]]
+    joint = np.array(parent_state[1:]) + arm
+    pivots = joint - joint_offsets(solution.images[child], templates, edge.at)
+    weight = springs.turn if edge.is_hinge else springs.loose_turn
+    turn = turn_costs(templates.radians, weight)[(np.arange(num_angles) - parent_state[0]) % num_angles]
+    span = np.arange(-springs.radius, springs.radius + 1)
+    stiffness = springs.hinge if edge.is_hinge else springs.loose
+    pull = stiffness * (span[:, None] ** 2 + span[None] ** 2)
+    rows, columns = pivots[:, 1, None] + span, pivots[:, 0, None] + span
+    inside = ((rows >= 0) & (rows < height))[:, :, None] & ((columns >= 0) & (columns < width))[:, None]
+    window = costs[
+        np.arange(num_angles)[:, None, None], rows.clip(0, height - 1)[:, :, None], columns.clip(0, width - 1)[:, None]
+    ]
+    total = np.where(inside, window, OUTSIDE) + pull + turn[:, None, None]
+    flat = total.reshape(num_angles, -1)
+    place, least = flat.argmin(1), flat.min(1)
+    modes: list[tuple[float, State]] = []
+    for angle in np.argsort(least):
+        near = [abs((int(angle) - other[0] + num_angles // 2) % num_angles - num_angles // 2) for _, other in modes]
+        if min(near, default=num_angles) < max(2, num_angles // 15):
+            continue
+        dy, dx = divmod(int(place[angle]), len(span))
+        state = (int(angle), int(np.clip(columns[angle, dx], 0, width - 1)), int(np.clip(rows[angle, dy], 0, height - 1)))
+        modes.append((float(least[angle]), state))
+        if len(modes) == num:
+            break
+    return modes
+
+
+def descend(solution: Solution, states: dict[int, State], layer: int) -> None:
+    """Fill ``states`` with the best states of everything below ``layer``, whose own state is there already."""
+    for edge in solution.tree.children(layer):
+        states[edge.child] = child_modes(solution, edge.child, states[layer], 1)[0][1]
+        descend(solution, states, edge.child)

@@ -1,0 +1,88 @@
+"""What one frame says, ready to be compared: its colours in Lab and what each pixel costs when left unexplained.
+
+One explanation per pixel. With a the puppet's coverage, C its colour there, I the frame's colour and m the matte, a
+pixel costs
+
+    a * (disagreement(I, C) + BEHIND * (1 - m)) + (1 - a) * UNEXPLAINED * m
+
+so that claiming a foreground pixel with the wrong colour costs as much as leaving it unexplained, claiming background
+costs extra, and two parts gain nothing by claiming the same pixel. Disagreement is 1 - exp(-d^2 / 2 sigma^2) with d
+the Lab distance: bounded, so that a face that changes does not drag the body along.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Float, Int, UInt8
+
+from wildpuppet.pose.templates import lab
+from wildpuppet.render.render import Mesh, render
+from wildpuppet.render.texture import Texture
+
+UNEXPLAINED = 1.0
+BEHIND = 1.0
+SIGMA = 18.0
+"""Lab distance at which a pixel is about 40 % wrong; a visible but plausible shade."""
+LAB_UNIT = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """One frame at search scale: Lab colours and the matte (1 character, 0 background, 0.5 unknown)."""
+
+    lab: Float[np.ndarray, "H W 3"]
+    matte: Float[np.ndarray, "H W"]
+
+
+def evidence_of(image: UInt8[np.ndarray, "H W 4"], scale: float) -> Evidence:
+    """Shrink a crop to search scale (search pixels per crop pixel)."""
+    height, width = image.shape[:2]
+    size = (max(8, round(width * scale)), max(8, round(height * scale)))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32) / 255
+    return Evidence(lab(small[..., :3]), small[..., 3])
+
+
+def disagreement_maps(
+    evidence: Evidence, palette: Float[np.ndarray, "C 3"], reach: int
+) -> Float[np.ndarray, "C Hp Wp"]:
+    """Cost of claiming each pixel for each palette colour, relative to leaving it, padded by ``reach``."""
+    squared = ((evidence.lab[None] - palette[:, None, None]) ** 2).sum(-1)
+    wrong = 1 - np.exp(-squared / (2 * SIGMA**2))
+    gain = wrong + BEHIND * (1 - evidence.matte) - UNEXPLAINED * evidence.matte
+    padded = np.pad(gain, ((0, 0), (reach, reach), (reach, reach)), constant_values=BEHIND)
+    return np.ascontiguousarray(padded, np.float32)
+
+
+def lab_texture(texture: Texture) -> Texture:
+    """Turn a premultiplied RGB texture into premultiplied Lab (in units of 100)."""
+    rgba = texture.rgba.numpy()
+    colour = (rgba[..., :3] / rgba[..., 3:].clip(1e-3)).clip(0, 1)
+    turned = np.concatenate([lab(colour) / LAB_UNIT * rgba[..., 3:], rgba[..., 3:]], -1)
+    return texture._replace(rgba=torch.from_numpy(turned.astype(np.float32)))
+
+
+def unexplained_cost(
+    evidence: Evidence,
+    vertices: Float[np.ndarray, "B V 2"],
+    order: Int[np.ndarray, "B L"],
+    mesh: Mesh,
+    texture: Texture,
+) -> Float[np.ndarray, "B"]:
+    """Sum the cost above over the frame for B poses given in search pixels; ``texture`` is a ``lab_texture``."""
+    height, width = evidence.matte.shape
+    with torch.no_grad():
+        picture = render(
+            torch.from_numpy(np.ascontiguousarray(vertices, np.float32)),
+            mesh,
+            texture,
+            torch.from_numpy(np.ascontiguousarray(order)),
+            (width, height),
+        ).rgba.numpy()
+    alpha = picture[..., 3]
+    colour = picture[..., :3] * (LAB_UNIT / alpha[..., None].clip(1e-3))
+    squared = ((colour - evidence.lab) ** 2).sum(-1)
+    claimed = 1 - np.exp(-squared / (2 * SIGMA**2)) + BEHIND * (1 - evidence.matte)
+    cost: Float[np.ndarray, "B"] = (alpha * claimed + (1 - alpha) * UNEXPLAINED * evidence.matte).sum((1, 2))
+    return cost

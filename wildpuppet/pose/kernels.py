@@ -1,0 +1,103 @@
+"""The search's inner loops in Numba: template costs and min-plus convolutions on (angle, y, x) grids."""
+
+import numpy as np
+from jaxtyping import Float, Int
+from numba import njit, prange
+
+
+@njit(parallel=True, cache=True, fastmath=True)
+def template_costs(
+    disagreement: Float[np.ndarray, "C Hp Wp"],
+    pixels: Int[np.ndarray, "P 3"],
+    weights: Float[np.ndarray, "P"],
+    start: Int[np.ndarray, "K"],
+    count: Int[np.ndarray, "K"],
+    reach: int,
+    height: int,
+    width: int,
+) -> Float[np.ndarray, "K H W"]:
+    """Sum disagreement over each turned template at every pivot position; maps are padded by ``reach`` all round."""
+    num_angles = len(start)
+    costs = np.zeros((num_angles, height, width), np.float32)
+    for work in prange(num_angles * height):
+        angle, y = work // height, work % height
+        row = costs[angle, y]
+        for pixel in range(start[angle], start[angle] + count[angle]):
+            source = disagreement[pixels[pixel, 2], y + pixels[pixel, 0] + reach]
+            first = pixels[pixel, 1] + reach
+            weight = weights[pixel]
+            for x in range(width):
+                row[x] += weight * source[first + x]
+    return costs
+
+
+@njit(parallel=True, cache=True, fastmath=True)
+def spring_transform(
+    costs: Float[np.ndarray, "K H W"], stiffness: float, radius: int
+) -> Float[np.ndarray, "K H W"]:
+    """Take, at every position, the least of cost + stiffness * squared distance, within ``radius`` pixels."""
+    num_angles, height, width = costs.shape
+    along = np.empty_like(costs)
+    result = np.empty_like(costs)
+    for angle in prange(num_angles):
+        for y in range(height):
+            for x in range(width):
+                along[angle, y, x] = costs[angle, y, x]
+            for step in range(1, radius + 1):
+                extra = np.float32(stiffness * step * step)
+                for x in range(width - step):
+                    along[angle, y, x] = min(along[angle, y, x], costs[angle, y, x + step] + extra)
+                for x in range(step, width):
+                    along[angle, y, x] = min(along[angle, y, x], costs[angle, y, x - step] + extra)
+        for y in range(height):
+            for x in range(width):
+                result[angle, y, x] = along[angle, y, x]
+            for step in range(1, radius + 1):
+                extra = np.float32(stiffness * step * step)
+                if y + step < height:
+                    for x in range(width):
+                        result[angle, y, x] = min(result[angle, y, x], along[angle, y + step, x] + extra)
+                if y - step >= 0:
+                    for x in range(width):
+                        result[angle, y, x] = min(result[angle, y, x], along[angle, y - step, x] + extra)
+    return result
+
+
+@njit(parallel=True, cache=True, fastmath=True)
+def turn_transform(
+    costs: Float[np.ndarray, "K H W"], turn_cost: Float[np.ndarray, "K"]
+) -> Float[np.ndarray, "K H W"]:
+    """Take, for every parent's angle, the least over the child's angles of cost + turn_cost[child - parent]."""
+    num_angles, height, width = costs.shape
+    result = np.empty_like(costs)
+    for y in prange(height):
+        for parent in range(num_angles):
+            best = result[parent, y]
+            best[:] = np.inf
+            for child in range(num_angles):
+                extra = turn_cost[(child - parent) % num_angles]
+                if extra < 1e8:
+                    row = costs[child, y]
+                    for x in range(width):
+                        best[x] = min(best[x], row[x] + extra)
+    return result
+
+
+@njit(parallel=True, cache=True)
+def shift_each(
+    costs: Float[np.ndarray, "K H W"], offsets: Int[np.ndarray, "K 2"], outside: float
+) -> Float[np.ndarray, "K H W"]:
+    """Read each angle's map at ``position + offsets[angle]`` (x, y); ``outside`` where that leaves the map."""
+    num_angles, height, width = costs.shape
+    result = np.empty_like(costs)
+    for angle in prange(num_angles):
+        dx, dy = offsets[angle, 0], offsets[angle, 1]
+        for y in range(height):
+            source = y + dy
+            if source < 0 or source >= height:
+                result[angle, y, :] = outside
+                continue
+            for x in range(width):
+                from_x = x + dx
+                result[angle, y, x] = costs[angle, source, from_x] if 0 <= from_x < width else outside
+    return result

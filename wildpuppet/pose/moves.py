@@ -1,0 +1,168 @@
+"""From one pose to better and to different ones: other modes of a limb, twins swapped, layers reordered.
+
+Dynamic programming sees each part alone, so two legs like to stand on the same leg. Here whole poses are judged by
+the composite (``evidence.unexplained_cost``: one explanation per pixel), and the candidates are what the dynamic
+programme itself offers as second and third choices, plus explicit swaps of limbs that look alike.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from wildpuppet.pose.dynamic import Solution, State, child_modes, descend, joint_offsets, root_modes, turn_costs
+from wildpuppet.pose.tree import Tree
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A whole pose: a state per layer and a drawing order (back to front)."""
+
+    states: tuple[State, ...]
+    order: tuple[int, ...]
+
+
+Judge = Callable[[list[Candidate]], Float[np.ndarray, "B"]]
+"""Costs of whole poses, lower is better."""
+
+
+def best_candidates(
+    solution: Solution,
+    judge: Judge,
+    twins: list[tuple[tuple[int, ...], tuple[int, ...]]],
+    starts: list[Candidate],
+    num_best: int,
+    rounds: int = 3,
+) -> list[tuple[float, Candidate]]:
+    """Search from the root's best modes and from ``starts``; return distinct poses, best first."""
+    order = tuple(range(len(solution.images)))
+    pool: dict[Candidate, float] = {}
+
+    def consider(candidates: list[Candidate]) -> None:
+        fresh = [c for c in dict.fromkeys(candidates) if c not in pool]
+        if fresh:
+            pool.update(zip(fresh, (float(cost) for cost in judge(fresh)), strict=True))
+
+    first = [Candidate(_completed(solution, state), order) for _, state in root_modes(solution, 3, 6)]
+    consider(first + starts)
+    expanded: set[Candidate] = set()
+    for _ in range(rounds):
+        beam = [c for c in sorted(pool, key=pool.__getitem__)[:3] if c not in expanded]
+        if not beam:
+            break
+        for candidate in beam:
+            expanded.add(candidate)
+            consider(list(_limb_moves(solution, candidate)) + list(_swaps(solution, candidate, twins)))
+        top = min(pool, key=pool.__getitem__)
+        consider(list(_reorders(solution.tree, top)))
+    ranked = sorted(pool, key=pool.__getitem__)
+    return _distinct([(pool[c], c) for c in ranked], num_best, len(solution.templates.radians))
+
+
+def spring_cost(solution: Solution, states: tuple[State, ...]) -> float:
+    """Sum the springs' and turns' costs of a whole pose."""
+    total, templates, springs = 0.0, solution.templates, solution.springs
+    num_angles = len(templates.radians)
+    for edge in solution.tree.edges:
+        parent, child = states[edge.parent], states[edge.child]
+        a = np.array(parent[1:]) + joint_offsets(solution.images[edge.parent], templates, edge.at)[parent[0]]
+        b = np.array(child[1:]) + joint_offsets(solution.images[edge.child], templates, edge.at)[child[0]]
+        stiffness, weight = (
+            (springs.hinge, springs.turn) if edge.is_hinge else (springs.loose, springs.loose_turn)
+        )
+        turn = turn_costs(templates.radians, weight)[(child[0] - parent[0]) % num_angles]
+        total += stiffness * float(((a - b) ** 2).sum()) + float(turn)
+    return total
+
+
+def _completed(solution: Solution, root_state: State) -> tuple[State, ...]:
+    states = {solution.tree.root: root_state}
+    descend(solution, states, solution.tree.root)
+    return tuple(states[layer] for layer in range(len(solution.images)))
+
+
+def _limb_moves(solution: Solution, candidate: Candidate) -> Iterator[Candidate]:
+    """Re-hang every subtree on its next best modes, everything below it following."""
+    for edge in solution.tree.edges:
+        for _, state in child_modes(solution, edge.child, candidate.states[edge.parent], 4):
+            states = dict(enumerate(candidate.states))
+            states[edge.child] = state
+            descend(solution, states, edge.child)
+            yield Candidate(tuple(states[layer] for layer in range(len(states))), candidate.order)
+
+
+def _swaps(
+    solution: Solution, candidate: Candidate, twins: list[tuple[tuple[int, ...], tuple[int, ...]]]
+) -> Iterator[Candidate]:
+    """Let two limbs that look alike trade places: each takes the direction in which the other now points."""
+    for first, second in twins:
+        states = dict(enumerate(candidate.states))
+        for mine, other in ((first, second), (second, first)):
+            for layer, model in zip(mine, other, strict=True):
+                angle = _angle_to_match(solution, layer, model, candidate.states[model])
+                edge = solution.links[layer]
+                arm = joint_offsets(solution.images[edge.parent], solution.templates, edge.at)
+                back = joint_offsets(solution.images[layer], solution.templates, edge.at)
+                pivot = np.array(states[edge.parent][1:]) + arm[states[edge.parent][0]] - back[angle]
+                height, width = solution.accumulated[layer].shape[1:]
+                states[layer] = (angle, int(np.clip(pivot[0], 0, width - 1)), int(np.clip(pivot[1], 0, height - 1)))
+        yield Candidate(tuple(states[layer] for layer in range(len(states))), candidate.order)
+
+
+def _angle_to_match(solution: Solution, layer: int, model: int, model_state: State) -> int:
+    def rest_direction(part: int) -> float:
+        image = solution.images[part]
+        arm = image.pivot - np.asarray(solution.links[part].at)
+        return float(np.arctan2(arm[1], arm[0]))
+
+    radians = solution.templates.radians
+    wanted = radians[model_state[0]] + rest_direction(model) - rest_direction(layer)
+    return round(wanted / (2 * np.pi) * len(radians)) % len(radians)
+
+
+def _reorders(tree: Tree, candidate: Candidate) -> Iterator[Candidate]:
+    """Lift each subtree to the front or push it to the back, keeping its inner order."""
+    for edge in tree.edges:
+        moving = set(tree.below(edge.child))
+        rest = tuple(layer for layer in candidate.order if layer not in moving)
+        limb = tuple(layer for layer in candidate.order if layer in moving)
+        for order in (rest + limb, limb + rest):
+            if order != candidate.order:
+                yield Candidate(candidate.states, order)
+
+
+def _distinct(
+    ranked: list[tuple[float, Candidate]], num_best: int, num_angles: int
+) -> list[tuple[float, Candidate]]:
+    """Drop poses that only differ by a step or two from a better one."""
+    kept: list[tuple[float, Candidate]] = []
+    for cost, candidate in ranked:
+        if all(_differs(candidate, other, num_angles) for _, other in kept):
+            kept.append((cost, candidate))
+            if len(kept) == num_best:
+                break
+    return kept
+
+
+def _differs(a: Candidate, b: Candidate, num_angles: int) -> bool:
+    if a.order != b.order:
+        return True
+    first, second = np.array(a.states), np.array(b.states)
+    turn = (first[:, 0] - second[:, 0] + num_angles // 2) % num_angles - num_angles // 2
+    return bool((np.abs(turn) > 2).any() or (np.abs(first[:, 1:] - second[:, 1:]) > 3).any())
+
+
+def twin_limbs(tree: Tree, areas: Float[np.ndarray, "L"]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Pair limbs of as many parts and about the same size at every joint: a left and a right one."""
+    heads = [edge.child for edge in tree.edges]
+    pairs = []
+    for i, first in enumerate(heads):
+        for second in heads[i + 1 :]:
+            a, b = tree.below(first), tree.below(second)
+            if len(a) != len(b) or first in b or second in a:
+                continue
+            ratio = areas[list(a)] / np.maximum(areas[list(b)], 1e-6)
+            if ((ratio > 0.5) & (ratio < 2.0)).all():
+                pairs.append((a, b))
+    return pairs

@@ -1,0 +1,59 @@
+"""Where the puppet stands before any search: its rest box matched to the character's box."""
+
+import numpy as np
+from jaxtyping import Float
+
+from wildpuppet.errors import PuppetError
+from wildpuppet.geometry import affine
+from wildpuppet.types import Crops, Puppet
+
+SAME_BOX = 0.6
+"""Overlap (intersection over union) of box and rest box above which a puppet drawn on this very video is left as it is."""
+
+
+def rest_box(puppet: Puppet) -> Float[np.ndarray, "4"]:
+    """Box (x, y, w, h) of the drawn (opaque) area at rest, canvas pixels."""
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for layer in range(puppet.num_layers):
+        mine = puppet.layer_of_vertex == layer
+        uv, rest = puppet.uv[mine], puppet.vertices[mine]
+        first, last = np.floor(uv.min(0)).astype(int).clip(0), np.ceil(uv.max(0)).astype(int)
+        rows, columns = np.nonzero(puppet.atlas[first[1] : last[1], first[0] : last[0], 3] > 127)
+        if len(rows):
+            corner = first + rest[0] - uv[0]
+            low = np.minimum(low, corner + (columns.min(), rows.min()))
+            high = np.maximum(high, corner + (columns.max() + 1, rows.max() + 1))
+    if not np.isfinite(low).all():
+        raise PuppetError("the puppet's parts are fully transparent; expected drawings with opaque pixels")
+    return np.concatenate([low, high - low])
+
+
+def place(puppet: Puppet, crops: Crops) -> Float[np.ndarray, "2 3"]:
+    """Map canvas to the reference crop (or to every crop of unordered drawings, which share one canvas).
+
+    A puppet drawn on this very picture (same canvas, boxes that agree) stays where it was drawn; any other is scaled
+    and moved so that its rest box has the area and the centre of the character's box.
+    """
+    index = crops.reference or 0
+    crop_from_video = affine.invert(crops.video_from_crop[index])
+    box = rest_box(puppet)
+    target = np.asarray(crops.box_crop[index], np.float64)
+    corners = affine.apply(crop_from_video, np.stack([box[:2], box[:2] + box[2:]]))
+    if not crops.ordered or _overlap(np.concatenate([corners[0], corners[1] - corners[0]]), target) > SAME_BOX:
+        return crop_from_video
+    scale = float(np.sqrt(target[2] * target[3] / (box[2] * box[3])))
+    shift = target[:2] + target[2:] / 2 - scale * (box[:2] + box[2:] / 2)
+    return affine.scale_and_shift(scale, (float(shift[0]), float(shift[1])))
+
+
+def pose_vertices(puppet: Puppet, crop_from_canvas: Float[np.ndarray, "*batch L 2 3"]) -> Float[np.ndarray, "*batch V 2"]:
+    """Move every layer's rest vertices by its map."""
+    maps = crop_from_canvas[..., puppet.layer_of_vertex, :, :]
+    moved: Float[np.ndarray, "*batch V 2"] = (maps[..., :2] @ puppet.vertices[:, :, None])[..., 0] + maps[..., 2]
+    return moved
+
+
+def _overlap(a: Float[np.ndarray, "4"], b: Float[np.ndarray, "4"]) -> float:
+    low, high = np.maximum(a[:2], b[:2]), np.minimum(a[:2] + a[2:], b[:2] + b[2:])
+    shared = float(np.prod(np.clip(high - low, 0, None)))
+    return shared / max(float(a[2] * a[3] + b[2] * b[3]) - shared, 1e-9)

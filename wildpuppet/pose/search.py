@@ -1,0 +1,224 @@
+"""The global search: where every part is, before any gradient, frame by frame.
+
+For each distinct drawing: template costs of every part at every angle and place, tree-structured dynamic programming,
+then whole poses judged by the composite (METHOD section 4, item 1). The puppet's size follows from the drawing
+before: neighbouring sizes are tried on the best pose, and the templates of the nearest size are used next.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from wildpuppet.geometry import affine
+from wildpuppet.machine import Machine
+from wildpuppet.pose import evidence as ev
+from wildpuppet.pose import kernels
+from wildpuppet.pose.dynamic import Solution, Springs, State, solve
+from wildpuppet.pose.moves import Candidate, best_candidates, spring_cost, twin_limbs
+from wildpuppet.pose.place import pose_vertices, rest_box
+from wildpuppet.pose.templates import PartImage, Templates, make_templates, palette_of, part_images
+from wildpuppet.pose.tree import Tree, part_areas, tree_of
+from wildpuppet.render.render import Mesh, mesh_of
+from wildpuppet.render.texture import Texture, texture_at
+from wildpuppet.settings import SearchSettings
+from wildpuppet.types import Crops, Hypotheses, Puppet
+
+SIZE_STEP = 1.06
+"""Ratio between neighbouring sizes of the templates."""
+
+
+@dataclass(eq=False)
+class Searcher:
+    """What the search prepares once per puppet; templates are kept per size."""
+
+    puppet: Puppet
+    settings: SearchSettings
+    search_from_crop: float
+    images: tuple[PartImage, ...] = field(init=False)
+    tree: Tree = field(init=False)
+    mesh: Mesh = field(init=False)
+    twins: list[tuple[tuple[int, ...], tuple[int, ...]]] = field(init=False)
+    palette: Float[np.ndarray, "C 3"] | None = None
+    of_size: dict[int, tuple[Templates, Texture]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.images = part_images(self.puppet)
+        self.tree = tree_of(self.puppet)
+        self.mesh = mesh_of(self.puppet)
+        self.twins = twin_limbs(self.tree, part_areas(self.puppet))
+
+    def size_step(self, crop_scale: float) -> int:
+        """Round a size (crop pixels per canvas pixel) to its step."""
+        return round(np.log(crop_scale * self.search_from_crop) / np.log(SIZE_STEP))
+
+    def at_size(self, step: int) -> tuple[Templates, Texture]:
+        """Fetch or make the templates and the texture of a size."""
+        if step not in self.of_size:
+            scale = SIZE_STEP**step
+            if self.palette is None:
+                self.palette = palette_of(self.images, scale, self.settings.colours)
+            templates = make_templates(self.images, scale, self.settings.angles, self.palette)
+            if len(self.of_size) > 4:
+                self.of_size.pop(next(iter(self.of_size)))
+            self.of_size[step] = (templates, ev.lab_texture(texture_at(self.puppet, scale)))
+        return self.of_size[step]
+
+
+def search(
+    puppet: Puppet,
+    crops: Crops,
+    placement: Float[np.ndarray, "2 3"],
+    frames: Int[np.ndarray, "n"],
+    settings: SearchSettings,
+    machine: Machine,
+) -> Hypotheses:
+    """Find the N best poses of the crops ``frames`` (indices, in the order in which they are to be solved).
+
+    ``placement`` (crop from canvas) gives the expected size in the first of them; use ``following`` to chain chunks.
+    A frame that shows the drawing of the frame solved before it repeats that frame's poses.
+    """
+    search_scale = settings.box_pixels / max(1.0, float(rest_box(puppet)[2:].max()) * _scale_of(placement))
+    searcher = Searcher(puppet, settings, search_scale)
+    step = searcher.size_step(_scale_of(placement))
+    found: list[tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]] = []
+    for done, frame in enumerate(frames):
+        before = frames[done - 1] if done else None
+        if before is not None and crops.drawing[frame] == crops.drawing[before]:
+            maps, order, cost = found[-1]
+            moved = affine.compose(_between(crops, int(frame), int(before))[None, None], maps)
+            found.append((moved, order, cost))
+        else:
+            starts = []
+            if before is not None and crops.ordered and crops.shot[frame] == crops.shot[before]:
+                starts = [(affine.compose(_between(crops, int(frame), int(before))[None], m), o)
+                          for m, o in zip(found[-1][0][:2], found[-1][1][:2], strict=True)]
+            image = crops.images[int(frame) : int(frame) + 1][0]
+            maps, order, cost, step = _search_one(searcher, image, step, starts, fixed_size=not crops.ordered)
+            found.append((maps, order, cost))
+        machine.progress(done + 1, len(frames))
+    return Hypotheses(
+        np.stack([maps for maps, _, _ in found]),
+        np.stack([order for _, order, _ in found]),
+        np.stack([cost for _, _, cost in found]),
+    )
+
+
+def following(hypotheses: Hypotheses) -> Float[np.ndarray, "2 3"]:
+    """Give the placement from which the next chunk continues: the last frame's best pose, averaged over its parts."""
+    best = hypotheses.crop_from_canvas[-1, 0]
+    scale = float(np.sqrt(np.abs(np.linalg.det(best[:, :, :2]))).mean())
+    return affine.scale_and_shift(scale, (float(best[:, 0, 2].mean()), float(best[:, 1, 2].mean())))
+
+
+def _scale_of(crop_from_canvas: Float[np.ndarray, "2 3"]) -> float:
+    return float(np.sqrt(abs(np.linalg.det(crop_from_canvas[:, :2]))))
+
+
+def _between(crops: Crops, frame: int, before: int) -> Float[np.ndarray, "2 3"]:
+    """Map the crop of ``before`` to the crop of ``frame``, both standing still in the video."""
+    return affine.compose(affine.invert(crops.video_from_crop[frame]), crops.video_from_crop[before])
+
+
+def _search_one(
+    searcher: Searcher,
+    image: Int[np.ndarray, "H W 4"],
+    step: int,
+    starts: list[tuple[Float[np.ndarray, "L 2 3"], Int[np.ndarray, "L"]]],
+    fixed_size: bool,
+) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"], int]:
+    evidence = ev.evidence_of(image, searcher.search_from_crop)
+    templates, texture = searcher.at_size(step)
+    assert searcher.palette is not None
+    springs = _springs(searcher.settings)
+    part_weight = np.sqrt(templates.area / templates.area.mean())
+    maps = ev.disagreement_maps(evidence, searcher.palette, templates.reach)
+    unary = [
+        kernels.template_costs(
+            maps, templates.pixels, templates.weights * (part_weight[layer] / templates.area[layer]),
+            templates.start[layer], templates.count[layer], templates.reach, *evidence.matte.shape,
+        )
+        for layer in range(len(searcher.images))
+    ]  # fmt: skip
+    solution = solve(unary, searcher.tree, searcher.images, templates, springs)
+    unit = float(part_weight.sum() / templates.area.sum())
+
+    def judge(candidates: list[Candidate]) -> Float[np.ndarray, "B"]:
+        poses = np.stack([_maps_of(searcher, templates, c.states) for c in candidates])
+        vertices = pose_vertices(searcher.puppet, poses)
+        order = np.array([c.order for c in candidates])
+        pixels = ev.unexplained_cost(evidence, vertices, order, searcher.mesh, texture)
+        return unit * pixels + np.array([spring_cost(solution, c.states) for c in candidates])
+
+    seeds = [_nearest_candidate(searcher, templates, evidence, m, o) for m, o in starts]
+    best = best_candidates(solution, judge, searcher.twins, seeds, searcher.settings.num_best)
+    if not fixed_size:
+        step = _better_size(searcher, evidence, best[0][1], templates, step)
+    return (*_hypotheses(searcher, templates, best), step)
+
+
+def _springs(settings: SearchSettings) -> Springs:
+    unit = 1.0 / (settings.hinge_slack * settings.box_pixels) ** 2
+    return Springs(
+        hinge=unit, loose=unit / 9, turn=settings.turn, loose_turn=settings.turn,
+        radius=max(2, round(3.0 * settings.hinge_slack * settings.box_pixels)),
+    )  # fmt: skip
+
+
+def _maps_of(searcher: Searcher, templates: Templates, states: tuple[State, ...]) -> Float[np.ndarray, "L 2 3"]:
+    """Turn states into search_from_canvas maps."""
+    table = np.array(states)
+    maps = affine.similarity(
+        np.full(len(states), templates.scale), templates.radians[table[:, 0]], np.zeros((len(states), 2))
+    )
+    pivots = np.stack([image.pivot for image in searcher.images])
+    maps[:, :, 2] = table[:, 1:] + 0.5 - affine.apply(maps, pivots[:, None])[:, 0]
+    return maps
+
+
+def _nearest_candidate(
+    searcher: Searcher,
+    templates: Templates,
+    evidence: ev.Evidence,
+    crop_from_canvas: Float[np.ndarray, "L 2 3"],
+    order: Int[np.ndarray, "L"],
+) -> Candidate:
+    """Round a pose to the search grid."""
+    height, width = evidence.matte.shape
+    turns = np.arctan2(crop_from_canvas[:, 1, 0], crop_from_canvas[:, 0, 0]) / (2 * np.pi)
+    angles = np.rint(turns * len(templates.radians)).astype(int) % len(templates.radians)
+    pivots = np.stack([image.pivot for image in searcher.images])
+    places = affine.apply(crop_from_canvas, pivots[:, None])[:, 0] * searcher.search_from_crop - 0.5
+    places = np.rint(places).astype(int).clip(0, (width - 1, height - 1))
+    states = tuple((int(a), int(p[0]), int(p[1])) for a, p in zip(angles, places, strict=True))
+    return Candidate(states, tuple(int(layer) for layer in order))
+
+
+def _better_size(
+    searcher: Searcher, evidence: ev.Evidence, candidate: Candidate, templates: Templates, step: int
+) -> int:
+    """Try the best pose a step larger and smaller, about its middle; return the size that explains the frame best."""
+    search_from_canvas = _maps_of(searcher, templates, candidate.states)
+    vertices = pose_vertices(searcher.puppet, search_from_canvas)
+    middle = vertices.mean(0)
+    ratios = SIZE_STEP ** np.array([-1.0, 0.0, 1.0])
+    sized = middle + ratios[:, None, None] * (vertices - middle)
+    order = np.repeat(np.array([candidate.order]), len(ratios), 0)
+    _, texture = searcher.at_size(step)
+    cost = ev.unexplained_cost(evidence, sized, order, searcher.mesh, texture)
+    return step + int(np.argmin(cost)) - 1
+
+
+def _hypotheses(
+    searcher: Searcher, templates: Templates, best: list[tuple[float, Candidate]]
+) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]:
+    """Bring poses to crop pixels and fill up to N with the last at infinite cost."""
+    missing = searcher.settings.num_best - len(best)
+    maps = np.stack([_maps_of(searcher, templates, c.states) for _, c in best] )/ searcher.search_from_crop
+    order = np.array([c.order for _, c in best])
+    cost = np.array([value for value, _ in best])
+    return (
+        np.concatenate([maps, np.repeat(maps[-1:], missing, 0)]),
+        np.concatenate([order, np.repeat(order[-1:], missing, 0)]),
+        np.concatenate([cost, np.full(missing, np.inf)]),
+    )
