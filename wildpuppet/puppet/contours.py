@@ -1,6 +1,5 @@
 """Rings around a silhouette, a margin outside it, with few corners: what a part's mesh is made of."""
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
@@ -18,8 +17,8 @@ def rings_around(mask: Bool[np.ndarray, "H W"], *, margin: float, tolerance: flo
     """
     pad = int(np.ceil(margin + tolerance)) + 4
     outside = ~np.pad(mask, pad, constant_values=False)
-    distance = cv2.distanceTransform(outside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    smooth = ndimage.gaussian_filter(distance.astype(np.float64), 1.0)
+    # not OpenCV's distance transform: its last bits differ from call to call, and meshes must not
+    smooth = ndimage.gaussian_filter(ndimage.distance_transform_edt(outside), 1.0)
     raw = find_contours(smooth, margin + tolerance + 0.5)  # type: ignore[no-untyped-call]
     loops = [contour[:, ::-1] + 0.5 - pad for contour in raw if len(contour) >= 4]
     areas = np.array([_area(loop[:-1]) for loop in loops])
