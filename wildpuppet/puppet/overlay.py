@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from wildpuppet.geometry.topology import boundary_edges, unique_edges
+from wildpuppet.geometry.affine import for_opencv, scale_and_shift
+from wildpuppet.geometry.topology import unique_edges
 from wildpuppet.types import CutOut, Puppet
 
 PANEL_PIXELS = 900
@@ -28,9 +29,11 @@ def overlay(cutout: CutOut, puppet: Puppet) -> Rgb:
     left, right = picture.copy(), (0.5 * picture + 127.0).astype(np.uint8)
     colors = part_colors(puppet.num_layers)
     for layer in range(puppet.num_layers):
-        triangles = puppet.triangles[puppet.layer_of_triangle == layer]
-        _draw_edges(left, (puppet.vertices - low) * scale, boundary_edges(triangles), colors[layer], 2)
-        _draw_edges(right, (puppet.vertices - low) * scale, unique_edges(triangles), colors[layer], 1)
+        alpha = _seen(cutout.parts[layer].rgba[..., 3].astype(np.float32), low, high, scale)
+        outlines, _ = cv2.findContours((alpha > 127).astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(left, outlines, -1, colors[layer], 2, cv2.LINE_AA)
+        edges = unique_edges(puppet.triangles[puppet.layer_of_triangle == layer])
+        _draw_edges(right, (puppet.vertices - low) * scale, edges, colors[layer])
     for layer, name in enumerate(puppet.names):
         middle = puppet.vertices[puppet.layer_of_vertex == layer].mean(axis=0)
         _draw_text(left, name, (middle - low) * scale, colors[layer])
@@ -48,22 +51,31 @@ def part_colors(count: int) -> list[tuple[int, int, int]]:
 
 
 def _composite(cutout: CutOut, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"], scale: float) -> Rgb:
-    width, height = (int(round(side)) for side in (high - low) * scale)
-    canvas_from_panel = np.array([[1.0 / scale, 0.0, low[0]], [0.0, 1.0 / scale, low[1]]])
-    canvas_from_panel[:, 2] += canvas_from_panel[:, :2] @ [0.5, 0.5] - 0.5
+    width, height = (round(side) for side in (high - low) * scale)
     picture = np.full((height, width, 3), PAPER, np.float32)
     for part in cutout.parts:
         straight = part.rgba.astype(np.float32)
         alpha = straight[..., 3:] / 255.0
         layer = np.concatenate([straight[..., :3] * alpha, alpha], axis=2)
-        seen = cv2.warpAffine(layer, canvas_from_panel, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+        seen = _seen(layer, low, high, scale)
         picture = seen[..., :3] + (1.0 - seen[..., 3:]) * picture
     return np.clip(np.round(picture), 0, 255).astype(np.uint8)
 
 
+def _seen(
+    image: Float[np.ndarray, "H W *c"], low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"], scale: float
+) -> Float[np.ndarray, "h w *c"]:
+    """Resample the canvas window from ``low`` to ``high``."""
+    width, height = (round(side) for side in (high - low) * scale)
+    canvas_from_panel = for_opencv(scale_and_shift(1.0 / scale, (float(low[0]), float(low[1]))))
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    seen: Float[np.ndarray, "h w *c"] = cv2.warpAffine(image, canvas_from_panel, (width, height), flags=flags)
+    return seen
+
+
 def _pixel(point: Float[np.ndarray, "2"]) -> tuple[int, int]:
     """Give a corner-origin point as OpenCV's fixed-point pixel centre coordinates (four fractional bits)."""
-    return int(round((point[0] - 0.5) * 16)), int(round((point[1] - 0.5) * 16))
+    return round(float(point[0] - 0.5) * 16), round(float(point[1] - 0.5) * 16)
 
 
 def _draw_edges(
@@ -71,10 +83,9 @@ def _draw_edges(
     points: Float[np.ndarray, "V 2"],
     edges: Int[np.ndarray, "E 2"],
     color: tuple[int, int, int],
-    thickness: int,
 ) -> None:
     for a, b in edges:
-        cv2.line(picture, _pixel(points[a]), _pixel(points[b]), color, thickness, cv2.LINE_AA, shift=4)
+        cv2.line(picture, _pixel(points[a]), _pixel(points[b]), color, 1, cv2.LINE_AA, shift=4)
 
 
 def _draw_text(picture: Rgb, text: str, middle: Float[np.ndarray, "2"], color: tuple[int, int, int]) -> None:
