@@ -1,0 +1,18 @@
+"""Compile the kernels ahead of need, so that a progress bar does not stand still at its start."""
+
+import torch
+
+from wildpuppet.render.mesh import Mesh
+from wildpuppet.render.render import render
+from wildpuppet.render.surface import surface
+from wildpuppet.render.texture import Texture
+
+
+def compile_kernels() -> None:
+    """Run every kernel once on one triangle; seconds on a machine's first run, milliseconds later."""
+    mesh = Mesh(torch.tensor([[0, 1, 2]]), torch.tensor([0]), 1)
+    vertices = torch.tensor([[[1.0, 1.0], [7.0, 1.0], [1.0, 7.0]]], requires_grad=True)
+    texture = Texture(torch.ones(8, 8, 4), vertices[0].detach())
+    order = torch.tensor([[0]])
+    render(vertices, mesh, texture, order, (8, 8), backend="cpu").rgba.sum().backward()  # type: ignore[no-untyped-call]
+    surface(vertices, mesh, texture, order, (8, 8), backend="cpu")
