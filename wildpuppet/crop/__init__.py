@@ -1,0 +1,1 @@
+"""Windows around the character, the background plate and the matte."""

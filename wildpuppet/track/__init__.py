@@ -1,0 +1,1 @@
+"""Following the character's box through the clip."""

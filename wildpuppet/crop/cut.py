@@ -1,0 +1,82 @@
+"""Cutting crops out of the clip: the windows are laid now, pixels are read, warped and matted when asked."""
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from wildpuppet.crop.matte import Matter, prepare_matter
+from wildpuppet.crop.warp import cut_window, inside_image
+from wildpuppet.crop.window import Windows, windows_of
+from wildpuppet.errors import InputError
+from wildpuppet.machine import Machine
+from wildpuppet.settings import CropSettings
+from wildpuppet.types import Clip, Crops, Target, Track
+from wildpuppet.video.held import number_drawings
+from wildpuppet.video.read import FrameReader
+
+UNKNOWN = 128
+
+
+def cut(clip: Clip, track: Track, target: Target, settings: CropSettings, machine: Machine) -> Crops:
+    """Cut a window around the character out of every tracked frame.
+
+    ``images`` of the result reads the video when it is sliced; consecutive slices cost one pass, and nothing is kept.
+    Pixels beyond the video repeat its edge and have matte 128 (unknown), as has everything when ``settings.matte``
+    is off. Raises InputError where the track and the target do not belong together.
+    """
+    if not np.isin(target.at, track.frames):
+        raise InputError(f"--at {target.at} is not among the tracked frames; track again with this range")
+    reference = int(np.searchsorted(track.frames, target.at))
+    windows = windows_of(track.boxes_video, track.shot, reference, settings)
+    matter = prepare_matter(clip, track, reference, machine) if settings.matte else None
+    images = WindowImages(clip, track, windows, matter)
+    drawing = number_drawings(images, track.shot, settings.hold_threshold)
+    return Crops(
+        frames=track.frames,
+        size=windows.size,
+        video_from_crop=windows.video_from_crop,
+        images=images,
+        box_crop=boxes_in_windows(track.boxes_video, windows.video_from_crop),
+        drawing=drawing,
+        shot=track.shot,
+        state=track.state,
+        reference=reference,
+    )
+
+
+class WindowImages:
+    """The crops of a clip as a lazy (T, H, W, 4) stack: colour from the video, alpha from the matte."""
+
+    def __init__(self, clip: Clip, track: Track, windows: Windows, matter: Matter | None) -> None:
+        self._clip, self._track, self._windows, self._matter = clip, track, windows, matter
+        self._reader = FrameReader(clip)
+
+    def __len__(self) -> int:
+        return len(self._track.frames)
+
+    def __getitem__(self, index: slice, /) -> UInt8[np.ndarray, "n H W 4"]:
+        chosen = range(*index.indices(len(self)))
+        width, height = self._windows.size
+        result = np.empty((len(chosen), height, width, 4), np.uint8)
+        for row, t in enumerate(chosen):
+            frame = self._reader.frame(int(self._track.frames[t]))
+            video_from_crop = self._windows.video_from_crop[t]
+            result[row, ..., :3] = cut_window(frame, video_from_crop, self._windows.size)
+            result[row, ..., 3] = self._matte(t, result[row, ..., :3], video_from_crop)
+        return result
+
+    def _matte(
+        self, t: int, crop: UInt8[np.ndarray, "H W 3"], video_from_crop: Float[np.ndarray, "2 3"]
+    ) -> UInt8[np.ndarray, "H W"]:
+        size = self._windows.size
+        if self._matter is None:
+            return np.full((size[1], size[0]), UNKNOWN, np.uint8)
+        matte = self._matter.matte(t, crop, video_from_crop)
+        return np.where(inside_image(self._clip.size, video_from_crop, size) > 0, matte, UNKNOWN).astype(np.uint8)
+
+
+def boxes_in_windows(
+    boxes_video: Float[np.ndarray, "T 4"], video_from_crop: Float[np.ndarray, "T 2 3"]
+) -> Float[np.ndarray, "T 4"]:
+    """Take boxes from video to crop pixels; the maps are pure scale and shift."""
+    scale = video_from_crop[:, 0, 0, None]
+    return np.concatenate([(boxes_video[:, :2] - video_from_crop[:, :, 2]) / scale, boxes_video[:, 2:] / scale], 1)

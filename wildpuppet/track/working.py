@@ -1,0 +1,51 @@
+"""The small, padded copy of each frame that tracking works on.
+
+The character's larger side becomes about ``BOX_PIXELS``; a border of repeated edge pixels lets a box leave the frame.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from wildpuppet.track.trackers import Box
+
+# Larger is surer on small marks and slower (quadratic).
+BOX_PIXELS = 112
+
+
+@dataclass(frozen=True)
+class Working:
+    """The map between video pixels and working pixels: ``working = video * scale + pad``."""
+
+    scale: tuple[float, float]
+    size: tuple[int, int]
+    pad: int
+
+    def image(self, rgb: UInt8[np.ndarray, "H W 3"]) -> UInt8[np.ndarray, "h w 3"]:
+        """Shrink a frame, pad it and turn it to BGR."""
+        small = cv2.resize(rgb, self.size, interpolation=cv2.INTER_AREA)
+        padded = cv2.copyMakeBorder(small, self.pad, self.pad, self.pad, self.pad, cv2.BORDER_REPLICATE)
+        return cv2.cvtColor(padded, cv2.COLOR_RGB2BGR)
+
+    def box_in(self, box_video: Box) -> Box:
+        """Take a box from video pixels to working pixels."""
+        x, y, w, h = box_video
+        sx, sy = self.scale
+        return x * sx + self.pad, y * sy + self.pad, w * sx, h * sy
+
+    def box_out(self, box: Box) -> Box:
+        """Take a box from working pixels to video pixels."""
+        x, y, w, h = box
+        sx, sy = self.scale
+        return (x - self.pad) / sx, (y - self.pad) / sy, w / sx, h / sy
+
+
+def working_for(size: tuple[int, int], box_video: Box) -> Working:
+    """Choose the working scale for a character of this size; frames are never enlarged."""
+    side = max(box_video[2:])
+    shrink = min(1.0, BOX_PIXELS / side)
+    small = max(round(size[0] * shrink), 1), max(round(size[1] * shrink), 1)
+    scale = small[0] / size[0], small[1] / size[1]
+    return Working(scale, small, round(0.6 * side * shrink))
