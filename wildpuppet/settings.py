@@ -106,7 +106,15 @@ class FitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     method: Literal["descent", "network"] = "descent"
     """descent: search, then exact-gradient descent on vertices; network: the paper's deformation network."""
     steps: Annotated[int, Meta(ge=0, le=100000)] = 60
-    """Descent steps per pyramid level."""
+    """Descent steps; each pyramid level takes its share of them."""
+    levels: tuple[tuple[float, float, float], ...] = ((0.3, 0.4, 0.0), (0.6, 0.2, 0.3), (1.0, 0.0, 0.4))
+    """Pyramid, coarse to fine: (crop scale, share of steps on whole parts, share on parts and mesh)."""
+    robust: Positive = 40.0
+    """Grey levels beyond which a wrong pixel counts no more than a very wrong one."""
+    matte: NotNegative = 0.5
+    """Price of a wrongly covered or uncovered pixel, as a share of a very wrong colour's."""
+    hold_scale: NotNegative = 0.5
+    """How stiffly a part keeps its size while parts move as wholes."""
     reconstruction: NotNegative = 1.0
     """Weight of the masked reconstruction."""
     arap: NotNegative = 2500.0

@@ -92,24 +92,36 @@ def _joint_links(puppet: Puppet) -> list[_Link]:
 
 
 def _loose_links(puppet: Puppet, links: list[_Link]) -> list[_Link]:
-    """Tie each separate group to the rest where their rest vertices come nearest; larger groups first."""
+    """Tie each separate group to the rest: among parts that come about equally near at rest, the largest pair."""
     group = np.arange(puppet.num_layers)
     for a, b, _, _ in links:
         group[group == group[b]] = group[a]
     areas = part_areas(puppet)
-    of_vertex = puppet.layer_of_vertex
+    gaps, places = _rest_gaps(puppet)
+    near = gaps.min() + 0.04 * float(np.ptp(puppet.vertices, axis=0).max())
     extra: list[_Link] = []
     main = group[np.argmax(np.bincount(group, areas, puppet.num_layers)[group])]
     while (group != main).any():
-        inside = np.flatnonzero(group[of_vertex] == main)
-        outside = np.flatnonzero(group[of_vertex] != main)
-        gaps = np.linalg.norm(puppet.vertices[outside, None] - puppet.vertices[None, inside], axis=-1)
-        i, j = np.unravel_index(np.argmin(gaps), gaps.shape)
-        at = (puppet.vertices[outside[i]] + puppet.vertices[inside[j]]) / 2
-        child, parent = int(of_vertex[outside[i]]), int(of_vertex[inside[j]])
-        extra.append((parent, child, (float(at[0]), float(at[1])), False))
+        between = np.where((group == main)[:, None] & (group != main)[None], np.maximum(gaps, near), np.inf)
+        pairs = np.argwhere(between <= between.min())
+        parent, child = (int(i) for i in pairs[np.argmax(areas[pairs[:, 0]] * areas[pairs[:, 1]])])
+        extra.append((parent, child, (float(places[parent, child, 0]), float(places[parent, child, 1])), False))
         group[group == group[child]] = main
     return extra
+
+
+def _rest_gaps(puppet: Puppet) -> tuple[Float[np.ndarray, "L L"], Float[np.ndarray, "L L 2"]]:
+    """Least distance between the layers' rest vertices, and the middle of where it is reached."""
+    num_layers, of_vertex = puppet.num_layers, puppet.layer_of_vertex
+    gaps, places = np.full((num_layers, num_layers), np.inf), np.zeros((num_layers, num_layers, 2))
+    for a in range(num_layers):
+        for b in range(a):
+            first, second = puppet.vertices[of_vertex == a], puppet.vertices[of_vertex == b]
+            distance = np.linalg.norm(first[:, None] - second[None], axis=-1)
+            i, j = np.unravel_index(np.argmin(distance), distance.shape)
+            gaps[a, b] = gaps[b, a] = distance[i, j]
+            places[a, b] = places[b, a] = (first[i] + second[j]) / 2
+    return gaps, places
 
 
 def _center(puppet: Puppet, links: list[_Link]) -> int:

@@ -1,0 +1,137 @@
+"""Coarse-to-fine descent on the energy with the exact gradient, a batch of frames at a time.
+
+    E = rec / N + arap * E_arap + joints * E_joints + area * E_area        (METHOD section 1; units of section 2)
+
+rec sums, over pixels, the robust squared difference of frame and puppet under the puppet's mask (Geman and McClure's
+rho, reweighted at each step) and the price of covering or not covering; N is the mask's size at the start. Each frame
+keeps a step length of its own: a step that raises its energy is taken back and halved.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from wildpuppet.fit import curvature, energy
+from wildpuppet.fit.target import WHITE, Target, texture_for
+from wildpuppet.geometry.arap import ArapRest, arap_energy_and_gradient, arap_rest, best_scale_of
+from wildpuppet.render.render import Mesh, Texture, mesh_of, render
+from wildpuppet.settings import FitSettings
+from wildpuppet.types import Puppet
+
+LOSS_NAMES = ("reconstruction", "arap", "joints", "area")
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One level's energy: everything that does not change while vertices move. Coordinates are level pixels."""
+
+    puppet: Puppet
+    mesh: Mesh
+    texture: Texture
+    target: Target
+    order: Int[Tensor, "B L"]
+    rest: ArapRest
+    settings: FitSettings
+    mask_pixels: Float[Tensor, "B"]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(W, H) of the level."""
+        return self.target.colour.shape[2], self.target.colour.shape[1]
+
+    @property
+    def unit(self) -> float:
+        """[-1, 1] units per level pixel."""
+        return 2.0 / max(self.size)
+
+
+def make_problem(
+    puppet: Puppet, target: Target, order: Int[np.ndarray, "B L"], vertices: Float[Tensor, "B V 2"],
+    settings: FitSettings,
+) -> Problem:  # fmt: skip
+    """Prepare a level; ``vertices`` (level pixels) say how large the puppet is seen and its mask at the start."""
+    rest = arap_rest(puppet.vertices.astype(np.float32), puppet.triangles)
+    level_from_canvas = float(np.median(best_scale_of(vertices.numpy(), rest)))
+    mesh, texture = mesh_of(puppet), texture_for(puppet, level_from_canvas)
+    orders = torch.from_numpy(np.ascontiguousarray(order))
+    size = (target.colour.shape[2], target.colour.shape[1])
+    with torch.no_grad():
+        mask = render(vertices, mesh, texture, orders, size).rgba[..., 3].sum((1, 2)).clamp_min(16.0)
+    return Problem(puppet, mesh, texture, target, orders, rest, settings, mask)
+
+
+def energies(
+    problem: Problem, vertices: Float[Tensor, "B V 2"]
+) -> tuple[Float[Tensor, "B"], Float[Tensor, "B V 2"], dict[str, Float[Tensor, "B"]]]:
+    """Compute the whole energy per frame, its gradient (robust weights held fixed) and each term before weighting."""
+    settings = problem.settings
+    moving = vertices.detach().requires_grad_()
+    image = render(moving, problem.mesh, problem.texture, problem.order, problem.size).rgba
+    alpha = image[..., 3]
+    squares = ((problem.target.colour * alpha[..., None] - WHITE * image[..., :3]) ** 2).sum(-1) / 3
+    limit = settings.robust**2
+    with torch.no_grad():
+        weight = (1 + squares / limit) ** -2
+        robust = (squares / (1 + squares / limit) - problem.target.cover_gain * alpha).sum((1, 2))
+    surrogate = (weight * squares - problem.target.cover_gain * alpha).sum((1, 2))
+    joints = energy.joint_distance(moving * problem.unit, *_joints(problem.puppet))
+    with torch.no_grad():
+        scale = torch.from_numpy(best_scale_of(vertices.numpy(), problem.rest).astype(np.float32))
+        expected = torch.from_numpy(problem.puppet.vertices.astype(np.float32))[None] * scale[:, None, None]
+    layer_of_triangle = torch.from_numpy(problem.puppet.layer_of_triangle.astype(np.int64))
+    triangles = torch.from_numpy(problem.puppet.triangles.astype(np.int64))
+    area = energy.layer_area(moving, expected, triangles, layer_of_triangle)
+    per_frame = settings.reconstruction * surrogate / problem.mask_pixels + settings.joints * joints
+    per_frame = per_frame + settings.area * area * problem.target.level**-4
+    (gradient,) = torch.autograd.grad(per_frame.sum(), moving)
+    stiff, stiff_gradient = arap_energy_and_gradient(vertices.numpy(), problem.rest, scale.numpy())
+    arap = torch.from_numpy(stiff) * problem.unit**2
+    gradient = gradient + settings.arap * problem.unit**2 * torch.from_numpy(stiff_gradient)
+    terms = {
+        "reconstruction": robust / problem.mask_pixels, "arap": arap, "joints": joints.detach(),
+        "area": area.detach() * problem.target.level**-4,
+    }  # fmt: skip
+    total = sum(getattr(settings, name) * terms[name] for name in LOSS_NAMES)
+    assert isinstance(total, Tensor)
+    return total, gradient, terms
+
+
+def descend(
+    problem: Problem, vertices: Float[Tensor, "B V 2"], steps: int, bones: curvature.Bones, with_mesh: bool
+) -> Float[Tensor, "B V 2"]:
+    """Take ``steps`` preconditioned steps: bones alone, or bones and mesh together."""
+    data = curvature.data_curvature(problem.puppet, problem.texture) / float(problem.mask_pixels.mean())
+    data = 2.0 / 3.0 * problem.settings.reconstruction * data
+    joint_weight = 2 * problem.settings.joints * problem.unit**2
+    inverse = None
+    if with_mesh:
+        stiffness = 2 * problem.settings.arap * problem.unit**2 * curvature.stiffness_matrix(problem.puppet)
+        joints = joint_weight * curvature.joint_matrix(problem.puppet)
+        inverse = curvature.mesh_inverse(data, stiffness, joints)
+    data_of_vertex = torch.from_numpy(data.astype(np.float32))
+    length = torch.ones(len(vertices))
+    value, gradient, _ = energies(problem, vertices)
+    for step in range(steps):
+        if inverse is None or step % 3 == 0:
+            move = bones.step(vertices, gradient, data_of_vertex, joint_weight, (1 / length).clamp_min(1.0) - 1.0)
+        else:
+            move = -torch.einsum("vw,bwk->bvk", inverse, gradient)
+        longest = move.norm(dim=-1).amax(1).clamp_min(1e-6)
+        limit = (0.04 * max(problem.size) / longest).clamp_max(1.0)
+        tried = vertices + (length * limit)[:, None, None] * move
+        new_value, new_gradient, _ = energies(problem, tried)
+        better = new_value < value
+        vertices = torch.where(better[:, None, None], tried, vertices)
+        gradient = torch.where(better[:, None, None], new_gradient, gradient)
+        value = torch.where(better, new_value, value)
+        length = torch.where(better, (length * 1.4).clamp_max(1.5), length * 0.4).clamp_min(0.02)
+    return vertices
+
+
+def _joints(puppet: Puppet) -> tuple[Int[Tensor, "J 2 3"], Float[Tensor, "J 2 3"]]:
+    return torch.from_numpy(puppet.joint_vertices.astype(np.int64)), torch.from_numpy(
+        puppet.joint_weights.astype(np.float32)
+    )

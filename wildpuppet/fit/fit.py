@@ -1,0 +1,126 @@
+"""The fit stage: from coarse poses to vertices, chunk by chunk, holds solved once.
+
+A held drawing is solved on its first frame; its other frames show the same drawing seen by a camera that may have
+moved, so the whole puppet is only shifted, turned and scaled there.
+"""
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+
+from wildpuppet.fit import curvature
+from wildpuppet.fit.confidence import confidence_of
+from wildpuppet.fit.descent import Problem, descend, energies, make_problem
+from wildpuppet.fit.target import target_at
+from wildpuppet.geometry import affine
+from wildpuppet.machine import Machine
+from wildpuppet.pose.place import pose_vertices
+from wildpuppet.settings import FitSettings
+from wildpuppet.types import Crops, Fit, FitState, Poses, Puppet
+
+BATCH = 8
+"""Frames solved together; a bound on memory."""
+
+
+def chunks(crops: Crops, size: int) -> list[slice]:
+    """Cut the frames into runs of about ``size`` that never split a held drawing."""
+    starts = np.flatnonzero(np.r_[True, np.diff(crops.drawing) != 0])
+    cuts, last = [0], 0
+    for start in starts:
+        if start - last >= size:
+            cuts.append(int(start))
+            last = int(start)
+    return [slice(a, b) for a, b in zip(cuts, [*cuts[1:], len(crops.frames)], strict=True)]
+
+
+def fit(puppet: Puppet, crops: Crops, poses: Poses, frames: slice, settings: FitSettings, machine: Machine) -> Fit:
+    """Fit the frames ``crops.frames[frames]``; the slice must not split a held drawing (see ``chunks``)."""
+    torch.set_num_threads(1)  # the kernels have threads of their own; torch's slow small work down on a busy machine
+    index = np.arange(*frames.indices(len(crops.frames)))
+    is_first = np.r_[True, np.diff(crops.drawing[index]) != 0]
+    vertices = pose_vertices(puppet, poses.crop_from_canvas[index]).astype(np.float32)
+    results: dict[int, tuple[Float[np.ndarray, "V 2"], Float[np.ndarray, "V"], dict[str, float]]] = {}
+    done = 0
+    for held in (False, True):
+        chosen = np.flatnonzero(is_first != held)
+        if held:
+            _start_from_held(crops, index, vertices, results)
+        for part in np.array_split(chosen, max(1, -(-len(chosen) // BATCH))) if len(chosen) else ():
+            solved = _solve(puppet, crops, index[part], vertices[part], poses.order[index[part]], settings, held)
+            results.update(zip((int(i) for i in part), solved, strict=True))
+            done += len(part)
+            machine.progress(done, len(index))
+    ordered = [results[i] for i in range(len(index))]
+    return Fit(
+        crops.frames[index],
+        np.stack([vertices for vertices, _, _ in ordered]).astype(np.float32),
+        poses.order[index],
+        np.stack([confidence for _, confidence, _ in ordered]).astype(np.float32),
+        tuple(_state(crops, int(i), bool(first)) for i, first in zip(index, is_first, strict=True)),
+        {name: np.array([terms[name] for _, _, terms in ordered]) for name in ordered[0][2]},
+    )
+
+
+def join(parts: list[Fit]) -> Fit:
+    """Put chunks together, in order."""
+    return Fit(
+        np.concatenate([part.frames for part in parts]),
+        np.concatenate([part.vertices_crop for part in parts]),
+        np.concatenate([part.order for part in parts]),
+        np.concatenate([part.confidence for part in parts]),
+        tuple(state for part in parts for state in part.state),
+        {name: np.concatenate([part.losses[name] for part in parts]) for name in parts[0].losses},
+    )
+
+
+def _state(crops: Crops, index: int, is_first: bool) -> FitState:
+    if crops.state[index] == "lost":
+        return "lost"
+    return "fitted" if is_first else "held"
+
+
+def _start_from_held(
+    crops: Crops,
+    index: Int[np.ndarray, "n"],
+    vertices: Float[np.ndarray, "n V 2"],
+    results: dict[int, tuple[Float[np.ndarray, "V 2"], Float[np.ndarray, "V"], dict[str, float]]],
+) -> None:
+    """Start every held frame from its drawing's first frame, standing still in the video."""
+    for i in range(1, len(index)):
+        if i not in results:
+            first = max(k for k in results if k < i)
+            crop_from_first = affine.compose(
+                affine.invert(crops.video_from_crop[index[i]]), crops.video_from_crop[index[first]]
+            )
+            vertices[i] = affine.apply(crop_from_first, results[first][0])
+
+
+def _solve(
+    puppet: Puppet,
+    crops: Crops,
+    index: Int[np.ndarray, "B"],
+    vertices: Float[np.ndarray, "B V 2"],
+    order: Int[np.ndarray, "B L"],
+    settings: FitSettings,
+    held: bool,
+) -> list[tuple[Float[np.ndarray, "V 2"], Float[np.ndarray, "V"], dict[str, float]]]:
+    images = np.concatenate([crops.images[int(i) : int(i) + 1] for i in index])
+    current = torch.from_numpy(vertices)
+    groups = np.zeros_like(puppet.layer_of_vertex) if held else puppet.layer_of_vertex
+    bones = curvature.Bones(groups, puppet, settings.hold_scale)
+    problem: Problem | None = None
+    for level, bone_share, mesh_share in settings.levels:
+        target = target_at(images, level, settings.matte * settings.robust**2)
+        start = current * level
+        problem = make_problem(puppet, target, order, start, settings)
+        start = descend(problem, start, round(settings.steps * bone_share), bones, with_mesh=False)
+        if not held:
+            start = descend(problem, start, round(settings.steps * mesh_share), bones, with_mesh=True)
+        current = start / level
+    assert problem is not None
+    _, _, terms = energies(problem, current * problem.target.level)
+    confidence = confidence_of(problem, current * problem.target.level)
+    return [
+        (current[b].numpy(), confidence[b], {name: float(value[b]) for name, value in terms.items()})
+        for b in range(len(index))
+    ]
