@@ -1,0 +1,1 @@
+"""Video files: frame table with exact times, decoding, encoding, shots, held drawings, folders of drawings."""
