@@ -38,9 +38,14 @@ def scene_of(mesh: Mesh, uv: Tensor, order: Tensor, size: tuple[int, int]) -> Sc
     return Scene(triangles, original, starts, coordinates, np.ascontiguousarray(order.numpy(), np.int64), size)
 
 
-def _flat(tensor: Tensor, *shape: int) -> Float32[np.ndarray, "*shape"]:
-    array: Float32[np.ndarray, "*shape"] = tensor.detach().contiguous().numpy().reshape(shape)
+def _array(tensor: Tensor) -> Float32[np.ndarray, "*shape"]:
+    array: Float32[np.ndarray, "*shape"] = tensor.detach().contiguous().numpy()
     return array
+
+
+def _frames(images: Tensor) -> Float32[np.ndarray, "B N"]:
+    """View a batch of images with each one flat."""
+    return _array(images).reshape(len(images), images.shape[1] * images.shape[2] * images.shape[3])
 
 
 class Composite(torch.autograd.Function):
@@ -52,7 +57,7 @@ class Composite(torch.autograd.Function):
         width, height = scene.size
         image = torch.empty(len(vertices), height, width, 4)
         arguments = kernel_arguments(vertices, rgba, opacity, scene)
-        out = _flat(image, len(vertices), -1)
+        out = _frames(image)
         run_shares(lambda _, first, end: composite_frames(first, end, *arguments, out), shares(len(vertices)))
         ctx.save_for_backward(vertices, rgba, opacity, image)
         ctx.scene = scene
@@ -68,7 +73,7 @@ class Composite(torch.autograd.Function):
         runs = shares(batch, TEXTURE_SHARES if ctx.needs_input_grad[1] else None)
         to_texture = torch.zeros(len(runs), rgba.numel() if ctx.needs_input_grad[1] else 0)
         arguments = kernel_arguments(vertices, rgba, opacity, ctx.scene)
-        images, upstreams = _flat(image, batch, -1), _flat(upstream, batch, -1)
+        images, upstreams = _frames(image), _frames(upstream)
         gradients = to_vertices.numpy(), to_opacity.numpy()
 
         def work(index: int, first: int, end: int) -> None:
@@ -83,8 +88,8 @@ def kernel_arguments(vertices: Tensor, rgba: Tensor, opacity: Tensor, scene: Sce
     """List the kernels' common arguments, in their order."""
     texture_size = (rgba.shape[1], rgba.shape[0])
     return (
-        _flat(vertices, *vertices.shape), scene.triangles, scene.starts, scene.uv, scene.order,
-        _flat(opacity, *opacity.shape), _flat(rgba, -1), texture_size, scene.size,
+        _array(vertices), scene.triangles, scene.starts, scene.uv, scene.order,
+        _array(opacity), _array(rgba).reshape(-1), texture_size, scene.size,
     )  # fmt: skip
 
 

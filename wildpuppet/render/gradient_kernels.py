@@ -1,4 +1,5 @@
-# mypy: disable-error-code="no-untyped-def"  (Numba infers the types of kernels from their arguments)
+# mypy: disable-error-code="no-untyped-def"
+# (Numba infers the types of kernels from their arguments.)
 """Numba kernels: the gradient of a composited frame to vertices, texture and opacity (idea: see ``kernels.py``)."""
 
 import numpy as np

@@ -1,25 +1,53 @@
 """The one place where Numba is set up for the renderer's kernels.
 
-``kernel`` compiles on first use, keeps the machine code beside the source, and lets other Python threads run.
+``kernel`` compiles on first use, keeps the machine code on disk, and lets other Python threads run.
 Superword vectorisation turns the four colour channels into one vector operation; Numba leaves it off by default.
+
+Numba checks kept code against the source file of the kernel alone, but our kernels inline one another across files: a
+change in one would leave the others stale. So code is kept in a folder named by the digest of all kernel sources.
 """
 
+import hashlib
+import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, cast
 
 import numba
 
 Kernel = Callable[..., Any]
 
-setattr(numba.config, "SLP_VECTORIZE", 1)  # noqa: B010  (Numba declares it at run time: a plain assignment is a type error)
+config: Any = numba.config
+config.SLP_VECTORIZE = 1
 
 
 def kernel(function: Kernel) -> Kernel:
     """Compile; sums may be reassociated and fused (results differ in the last bits between machines)."""
-    options: dict[str, Any] = {"fastmath": {"contract", "reassoc", "nsz", "arcp"}}
-    return cast(Kernel, numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function))
+    return _compile(function, fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 
 def exact_kernel(function: Kernel) -> Kernel:
     """Compile with every operation rounded as written, so that two triangles agree on the edge they share."""
-    return cast(Kernel, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    return _compile(function, fastmath=False)
+
+
+def _compile(function: Kernel, **options: Any) -> Kernel:
+    """Make a dispatcher whose machine code is kept in our folder."""
+    chosen = config.CACHE_DIR
+    config.CACHE_DIR = _cache_folder(chosen)
+    compiled = cast(Kernel, numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function))
+    config.CACHE_DIR = chosen
+    return compiled
+
+
+def _cache_folder(chosen: str) -> str:
+    """Name the folder: under NUMBA_CACHE_DIR where set, else beside the source, else in the user's cache."""
+    here = Path(__file__).parent
+    beside = here / "__pycache__" if os.access(here, os.W_OK) else Path.home() / ".cache" / "wildpuppet"
+    return str((Path(chosen) if chosen else beside) / f"kernels-{_digest(here)}")
+
+
+def _digest(folder: Path) -> str:
+    """Digest every kernel source."""
+    sources = [Path(__file__), *sorted(folder.glob("*kernel*.py"))]
+    return hashlib.blake2b(b"".join(path.read_bytes() for path in sources), digest_size=8).hexdigest()

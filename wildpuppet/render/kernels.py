@@ -1,4 +1,5 @@
-# mypy: disable-error-code="no-untyped-def"  (Numba infers the types of kernels from their arguments)
+# mypy: disable-error-code="no-untyped-def"
+# (Numba infers the types of kernels from their arguments.)
 """Numba kernels: composite layers front to back into one frame, and walk the same pixels again for the gradient.
 
 Traversal. Triangles are scan-converted into spans without a depth buffer. A pixel belongs to a triangle when its

@@ -1,4 +1,5 @@
-# mypy: disable-error-code="no-untyped-def"  (Numba infers the types of kernels from their arguments)
+# mypy: disable-error-code="no-untyped-def"
+# (Numba infers the types of kernels from their arguments.)
 """Numba kernel: which triangle is seen at each pixel. See ``kernels.py`` for the traversal."""
 
 import numpy as np
