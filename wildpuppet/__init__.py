@@ -1,1 +1,25 @@
-"""wildpuppet: layered puppets from cartoon clips (Neural Puppet, WACV 2020, carried to a product)."""
+"""wildpuppet: layered puppets from cartoon clips (Neural Puppet, WACV 2020, carried to a product).
+
+``wildpuppet.run`` and ``wildpuppet.open_run`` are imported when they are first used, so that ``import wildpuppet``
+and ``--help`` cost nothing.
+"""
+
+import importlib
+from typing import Any
+
+_LAZY = {
+    "run": ("wildpuppet.pipelines.run", "run"),
+    "fit": ("wildpuppet.pipelines.fit", "fit"),
+    "open_run": ("wildpuppet.api", "open_run"),
+    "Run": ("wildpuppet.api", "Run"),
+    "WildPuppetError": ("wildpuppet.errors", "WildPuppetError"),
+}
+
+__all__ = ["Run", "WildPuppetError", "open_run", "run"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module 'wildpuppet' has no attribute {name!r}")
+    module, attribute = _LAZY[name]
+    return getattr(importlib.import_module(module), attribute)

@@ -1,0 +1,98 @@
+"""From crops and a puppet to a fit: place, search, choose, fit. Long stages go in chunks that are kept one by one."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from wildpuppet import stages
+from wildpuppet.store import Kept, given
+from wildpuppet.types import Crops, Fit, Hypotheses, Poses, Puppet
+
+from .keeper import Keeper
+
+CHUNK = 16
+"""Frames per kept chunk: what a killed run can lose of a long stage."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """How many frames there are and where their search starts (``reference``, an index; None for unordered ones).
+
+    ``test`` frames are fitted but never trained on.
+    """
+
+    number: int
+    reference: int | None
+    test: list[int] = field(default_factory=list)
+
+    def walks(self) -> list[list[int]]:
+        """Give the orders in which frames are searched: from the reference to the end, and back to the start."""
+        first = self.reference or 0
+        walks = [list(range(first, self.number)), list(range(first - 1, -1, -1))]
+        return [walk for walk in walks if walk]
+
+
+def fit_frames(keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops], frames: Frames) -> Kept[Fit]:
+    """Fit the puppet to every frame."""
+    placement = keeper.keep(stages.PLACE, puppet=puppet, crops=crops)
+    poses = find_poses(keeper, puppet, crops, placement, frames)
+    if keeper.settings.fit.method == "network":
+        training = [index for index in range(frames.number) if index not in set(frames.test)]
+        return keeper.keep(stages.TRAIN, puppet=puppet, crops=crops, poses=poses, frames=given(training))
+    return descend(keeper, puppet, crops, poses, frames)
+
+
+def find_poses(
+    keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops], placement: Kept[Any], frames: Frames
+) -> Kept[Poses]:
+    """Search every frame's pose and choose over time; with the search off, the placed rest pose everywhere."""
+    if not keeper.settings.search.enabled:
+        return keeper.keep(stages.REST, puppet=puppet, crops=crops, placement=placement)
+    hypotheses = search(keeper, puppet, crops, placement, frames)
+    return keeper.keep(stages.CHOOSE, puppet=puppet, crops=crops, hypotheses=hypotheses)
+
+
+def search(
+    keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops], placement: Kept[Any], frames: Frames
+) -> Kept[Hypotheses]:
+    """Walk from the reference both ways; each chunk starts from the size that the one before ended with."""
+    parts: list[Kept[Any]] = []
+    order: list[int] = []
+    with keeper.step(stages.SEARCH.name, frames.number):
+        for walk in frames.walks():
+            start = placement
+            for chunk in _chunks(walk):
+                indices = given(np.array(chunk), chunk)
+                part = keeper.keep(
+                    stages.SEARCH_PART, weight=len(chunk), puppet=puppet, crops=crops, placement=start, frames=indices
+                )
+                start = part.derived("following", _following)
+                parts.append(part)
+                order += chunk
+        return keeper.keep(stages.SEARCH, weight=0.0, parts=parts, frames=given(order))
+
+
+def _following(hypotheses: Hypotheses) -> Any:
+    from wildpuppet.pose.search import following
+
+    return following(hypotheses)
+
+
+def descend(keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops], poses: Kept[Poses], frames: Frames) -> Kept[Fit]:
+    """Descend chunk by chunk, each of whole held drawings, then join."""
+    from wildpuppet.fit.fit import chunks
+
+    parts: list[Kept[Any]] = []
+    with keeper.step(stages.FIT.name, frames.number):
+        for span in chunks(crops.value, CHUNK):
+            indices, weight = given(span, [span.start, span.stop]), span.stop - span.start
+            part = keeper.keep(stages.FIT_PART, weight=weight, puppet=puppet, crops=crops, poses=poses, frames=indices)
+            parts.append(part)
+        return keeper.keep(stages.FIT, weight=0.0, parts=parts)
+
+
+def _chunks(indices: list[int]) -> Iterator[list[int]]:
+    for first in range(0, len(indices), CHUNK):
+        yield indices[first : first + CHUNK]

@@ -1,0 +1,43 @@
+"""The Python API beside ``wildpuppet.run``: open what a run left and ask it for correspondences.
+
+run = wildpuppet.run("clip.mp4", (285, 125, 275, 318), at=150, puppet="puppet")
+tracks = wildpuppet.open_run("out/clip").carry([[400.0, 200.0]], frame=150)
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wildpuppet.correspond.carry import carry
+from wildpuppet.correspond.flow import DenseFlow, flow
+from wildpuppet.errors import InputError
+from wildpuppet.runs import RunFolder
+from wildpuppet.types import PointTracks
+
+
+class Run(RunFolder):
+    """A finished run: its puppet, crops and fit are read when asked for; the store is not needed."""
+
+    def carry(self, points: ArrayLike, frame: int, parts: Sequence[str | None] | None = None) -> PointTracks:
+        """Carry points (N, 2), video pixels of ``frame``, to every frame of the run.
+
+        ``parts[n]`` names the part that point n lies on, for points that are hidden in that frame; without it, it is
+        the frontmost part under the point, else the nearest. Raises InputError for a frame outside the run.
+        """
+        array = np.asarray(points, np.float64)
+        if array.ndim != 2 or array.shape[1] != 2:
+            raise InputError(f"points: expected shape (N, 2), found {array.shape}")
+        return carry(self.puppet, self.crops, self.fit, array, frame, parts, self.size)
+
+    def flow(self, source: int, target: int) -> DenseFlow:
+        """Give the dense map from frame ``source`` to frame ``target`` over the puppet's visible surface."""
+        return flow(self.puppet, self.crops, self.fit, source, target, self.size)
+
+
+def open_run(path: str | Path) -> Run:
+    """Open the OUT folder of a run; raises InputError where it is none."""
+    run = Run(Path(path))
+    _ = run.run
+    return run

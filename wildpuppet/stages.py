@@ -1,0 +1,212 @@
+"""THE LIST OF STAGES: name, version, the settings that change its answer, how to run, save and load it.
+
+A changed answer means a changed version here, in the same commit. Each ``run`` takes the stage's inputs in order, then
+its settings, then the machine; it imports what it needs when it runs, so that listing the stages costs nothing.
+A stage named "search.part" makes one piece of "search", which joins them.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from wildpuppet import disk
+from wildpuppet.machine import Machine
+from wildpuppet.settings import (
+    AutoSettings,
+    CropSettings,
+    FitSettings,
+    OutSettings,
+    ProbeSettings,
+    PuppetSettings,
+    SearchSettings,
+    TrackSettings,
+    TrainSettings,
+)
+from wildpuppet.types import Clip, Crops, CutOut, Fit, Hypotheses, Poses, Puppet, Target, Track
+
+WriteFiles = Callable[[Path], None]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step from values to a value. ``settings`` names fields of ``Settings``.
+
+    A stage with ``has_checkpoint`` is also given ``checkpoint``, the path of a file that outlives a killed run.
+    """
+
+    name: str
+    version: int
+    settings: tuple[str, ...]
+    run: Callable[..., Any]
+    save: Callable[[Any, Path], None]
+    load: Callable[[Path], Any]
+    has_checkpoint: bool = False
+
+
+def _probe(video: Path, settings: ProbeSettings, machine: Machine) -> Clip:
+    from wildpuppet.video.probe import probe
+
+    return probe(video, settings, machine)
+
+
+def _track(clip: Clip, target: Target, settings: TrackSettings, machine: Machine) -> Track:
+    from wildpuppet.track.follow import track
+
+    return track(clip, target, settings, machine)
+
+
+def _crop(clip: Clip, track: Track, target: Target, settings: CropSettings, machine: Machine) -> Crops:
+    from wildpuppet.crop.cut import cut
+
+    return cut(clip, track, target, settings, machine)
+
+
+def _drawings(folder: Path, settings: CropSettings, machine: Machine) -> Crops:
+    from wildpuppet.crop.drawings import crops_of_drawings
+    from wildpuppet.video.drawings import read_drawings
+
+    names, images = read_drawings(folder)
+    height, width = images[:1].shape[1:3]
+    return crops_of_drawings(names, images, (width, height), settings)
+
+
+def _automatic(clip: Clip, crops: Crops, settings: AutoSettings, machine: Machine) -> CutOut:
+    from wildpuppet.puppet.automatic import automatic
+
+    return automatic(clip, crops, settings)
+
+
+def _puppet(cutout: CutOut, settings: PuppetSettings, machine: Machine) -> Puppet:
+    from wildpuppet.puppet.build import build
+
+    return build(cutout, settings)
+
+
+def _place(puppet: Puppet, crops: Crops, machine: Machine) -> Float[np.ndarray, "2 3"]:
+    from wildpuppet.pose.place import place
+
+    return place(puppet, crops)
+
+
+def _search_part(
+    puppet: Puppet,
+    crops: Crops,
+    placement: Float[np.ndarray, "2 3"],
+    frames: Int[np.ndarray, "n"],
+    settings: SearchSettings,
+    machine: Machine,
+) -> Hypotheses:
+    from wildpuppet.pose.search import search
+
+    return search(puppet, crops, placement, frames, settings, machine)
+
+
+def _search(parts: list[Hypotheses], frames: list[int], machine: Machine) -> Hypotheses:
+    """Put the pieces, which were solved in the order ``frames``, into the order of the frames."""
+    order = np.argsort(np.array(frames))
+    joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in _HYPOTHESES_FIELDS}
+    return Hypotheses(**joined)
+
+
+_HYPOTHESES_FIELDS = ("crop_from_canvas", "order", "cost")
+
+
+def _choose(puppet: Puppet, crops: Crops, hypotheses: Hypotheses, settings: SearchSettings, machine: Machine) -> Poses:
+    from wildpuppet.pose.choose import choose
+
+    return choose(puppet, crops, hypotheses, settings, machine)
+
+
+def _rest(puppet: Puppet, crops: Crops, placement: Float[np.ndarray, "2 3"], machine: Machine) -> Poses:
+    from wildpuppet.pose.place import rest_poses
+
+    return rest_poses(puppet, crops, placement)
+
+
+def _fit_part(
+    puppet: Puppet, crops: Crops, poses: Poses, frames: slice, settings: FitSettings, machine: Machine
+) -> Fit:
+    from wildpuppet.fit.fit import fit
+
+    return fit(puppet, crops, poses, frames, settings, machine)
+
+
+def _fit(parts: list[Fit], machine: Machine) -> Fit:
+    from wildpuppet.fit.fit import join
+
+    return join(parts)
+
+
+def _train(
+    puppet: Puppet,
+    crops: Crops,
+    poses: Poses,
+    frames: list[int],
+    train_settings: TrainSettings,
+    fit_settings: FitSettings,
+    machine: Machine,
+    checkpoint: Path,
+) -> Fit:
+    from wildpuppet.deform.train import train
+
+    return train(puppet, crops, poses, train_settings, fit_settings, machine, checkpoint)
+
+
+def _meshes(
+    clip: Clip | None,
+    size: tuple[int, int],
+    puppet: Puppet,
+    crops: Crops,
+    fit: Fit,
+    settings: OutSettings,
+    machine: Machine,
+) -> WriteFiles:
+    from wildpuppet.export.mesh_files import write_mesh_files
+    from wildpuppet.export.meshes import write_meshes
+
+    def write(folder: Path) -> None:
+        write_meshes(folder / "meshes.npz", puppet, crops, fit, clip)
+        if settings.meshes != "none":
+            write_mesh_files(folder / "meshes", settings.meshes, puppet, crops, fit, size[1], machine.progress)
+
+    return write
+
+
+def _preview(clip: Clip | None, puppet: Puppet, crops: Crops, fit: Fit, machine: Machine) -> WriteFiles:
+    from wildpuppet.export.preview import write_preview
+    from wildpuppet.export.sheet import write_sheet
+
+    def write(folder: Path) -> None:
+        write_preview(folder / "preview.mp4", clip, puppet, crops, fit, machine)
+        write_sheet(folder / "sheet.png", clip, puppet, crops, fit, machine)
+
+    return write
+
+
+PROBE = Stage("probe", 1, ("probe",), _probe, disk.save_clip, disk.load_clip)
+TRACK = Stage("track", 1, ("track",), _track, disk.save_track, disk.load_track)
+CROP = Stage("crop", 1, ("crop",), _crop, disk.save_crops, disk.load_crops)
+DRAWINGS = Stage("drawings", 1, ("crop",), _drawings, disk.save_crops, disk.load_crops)
+AUTOMATIC = Stage("automatic", 1, ("auto",), _automatic, disk.save_cutout, disk.load_cutout)
+PUPPET = Stage("puppet", 1, ("puppet",), _puppet, disk.save_puppet, disk.load_puppet)
+PLACE = Stage("place", 1, (), _place, disk.save_placement, disk.load_placement)
+SEARCH_PART = Stage("search.part", 1, ("search",), _search_part, disk.save_hypotheses, disk.load_hypotheses)
+SEARCH = Stage("search", 1, (), _search, disk.save_hypotheses, disk.load_hypotheses)
+CHOOSE = Stage("choose", 1, ("search",), _choose, disk.save_poses, disk.load_poses)
+REST = Stage("rest", 1, (), _rest, disk.save_poses, disk.load_poses)
+FIT_PART = Stage("fit.part", 1, ("fit",), _fit_part, disk.save_fit, disk.load_fit)
+FIT = Stage("fit", 1, (), _fit, disk.save_fit, disk.load_fit)
+TRAIN = Stage("train", 1, ("train", "fit"), _train, disk.save_fit, disk.load_fit, has_checkpoint=True)
+MESHES = Stage("meshes", 1, ("out",), _meshes, disk.save_files, disk.load_folder)
+PREVIEW = Stage("preview", 1, (), _preview, disk.save_files, disk.load_folder)
+
+STAGES = (
+    PROBE, TRACK, CROP, DRAWINGS, AUTOMATIC, PUPPET, PLACE, SEARCH_PART, SEARCH, CHOOSE, REST, FIT_PART, FIT, TRAIN,
+    MESHES, PREVIEW,
+)  # fmt: skip
+NAMES = tuple(stage.name for stage in STAGES if "." not in stage.name)
+"""What ``--until`` and ``--redo`` take."""
