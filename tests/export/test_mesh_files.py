@@ -10,7 +10,6 @@ from tests.correspond import scene
 from wildpuppet.export.mesh_files import GAP, write_mesh_files
 from wildpuppet.geometry.affine import apply
 
-HEIGHT = 120
 FILE_PIXELS = 1e-3
 
 
@@ -39,9 +38,9 @@ def tree_of(glb):
 @pytest.mark.parametrize("kind", ["obj", "glb"])
 def test_the_file_says_where_the_part_is_and_what_it_looks_like(tmp_path, world, kind):
     character, maps, crops, fit = world
-    files = write_mesh_files(tmp_path / "meshes", kind, character, crops, fit, HEIGHT)
+    files = write_mesh_files(tmp_path / "meshes", character, crops, fit, kind)
     assert [file.name for file in files] == [f"frame_000100.{kind}", f"frame_000102.{kind}"]
-    again = write_mesh_files(tmp_path / "again", kind, character, crops, fit, HEIGHT)
+    again = write_mesh_files(tmp_path / "again", character, crops, fit, kind)
     assert [a.read_bytes() for a in files] == [b.read_bytes() for b in again]
     assert names_in(files[1]) == ["arm", "body"]
     meshes = trimesh.load_scene(files[1], process=False, maintain_order=True).geometry.values()
@@ -51,7 +50,7 @@ def test_the_file_says_where_the_part_is_and_what_it_looks_like(tmp_path, world,
         mine = character.layer_of_vertex == layer
         places = apply(maps[2, layer], character.vertices[mine])
         u, v = (character.uv[mine] / character.atlas.shape[1::-1]).T
-        expected.append(np.column_stack([places[:, 0], HEIGHT - places[:, 1], np.full(len(u), rank * GAP), u, 1 - v]))
+        expected.append(np.column_stack([places[:, 0], -places[:, 1], np.full(len(u), rank * GAP), u, 1 - v]))
     assert np.abs(found - np.concatenate(expected)).max() < FILE_PIXELS
     for mesh in meshes:
         first, second = (mesh.triangles[:, k] - mesh.triangles[:, 0] for k in (1, 2))
@@ -60,7 +59,7 @@ def test_the_file_says_where_the_part_is_and_what_it_looks_like(tmp_path, world,
 
 def test_glb_is_unlit_and_blended(tmp_path, world):
     character, _, crops, fit = world
-    tree = tree_of(write_mesh_files(tmp_path, "glb", character, crops, fit, HEIGHT)[0].read_bytes())
+    tree = tree_of(write_mesh_files(tmp_path, character, crops, fit, "glb")[0].read_bytes())
     assert tree["extensionsUsed"] == ["KHR_materials_unlit"]
     assert [m["alphaMode"] for m in tree["materials"]] == ["BLEND"] * len(tree["materials"])
     assert len(tree["images"]) == 1
@@ -68,7 +67,7 @@ def test_glb_is_unlit_and_blended(tmp_path, world):
 
 def test_obj_files_share_one_texture(tmp_path, world):
     character, _, crops, fit = world
-    write_mesh_files(tmp_path, "obj", character, crops, fit, HEIGHT)
+    write_mesh_files(tmp_path, character, crops, fit, "obj")
     assert sorted(f.name for f in tmp_path.iterdir()) == [
         "atlas.png", "frame_000100.obj", "frame_000102.obj", "puppet.mtl",
     ]  # fmt: skip

@@ -1,8 +1,9 @@
 """One mesh file per frame for 3D tools: glTF (GLB) or Wavefront OBJ, written by trimesh.
 
-Units are video pixels, x right, **y up** (y = H - y of the video), triangles face +z. Each part is an object of its own
-under the part's name, and stands ``GAP`` nearer than the part behind it, so that depth sorting draws them in order.
-GLB carries the atlas inside, unlit and blended by alpha; OBJ files of a folder share puppet.mtl and atlas.png.
+Units are video pixels, x right, **y up** from the picture's upper left corner (so y is negative inside the picture),
+triangles face +z. Each part is an object of its own under the part's name, and stands ``GAP`` nearer than the part
+behind it, so that depth sorting draws them in order. GLB carries the atlas inside, unlit and blended by alpha; OBJ
+files of a folder share puppet.mtl and atlas.png.
 """
 
 from collections.abc import Callable
@@ -41,11 +42,11 @@ Format = Literal["obj", "glb"]
 
 
 def write_mesh_files(
-    folder: Path, kind: Format, puppet: Puppet, crops: Crops, fit: Fit, height: int, progress: Progress = silent
+    folder: Path, puppet: Puppet, crops: Crops, fit: Fit, kind: Format, progress: Progress = silent
 ) -> list[Path]:
     """Write frame_NUMBER.obj or .glb for every frame that has the character; frames in state lost have no file.
 
-    ``height`` is the video's, which turns y upwards. Returns the files. Raises StoreError where the disk refuses.
+    Returns the files. Raises StoreError where the disk refuses.
     """
     material: PBRMaterial | SimpleMaterial
     if kind == "obj":
@@ -62,7 +63,7 @@ def write_mesh_files(
         if state != "lost":
             path = folder / f"frame_{int(number):06d}.{kind}"
             with whole_file(path) as beside:
-                beside.write_bytes(encode(_scene(puppet, placed[t], fit.order[t], height, material)))
+                beside.write_bytes(encode(_scene(puppet, placed[t], fit.order[t], material)))
             written.append(path)
         progress(t + 1, len(fit.frames))
     return written
@@ -72,7 +73,6 @@ def _scene(
     puppet: Puppet,
     vertices: Float[np.ndarray, "V 2"],
     order: Int[np.ndarray, "L"],
-    height: int,
     material: PBRMaterial | SimpleMaterial,
 ) -> trimesh.Scene:
     scene = trimesh.Scene()
@@ -80,7 +80,7 @@ def _scene(
     texture = unit_uv(puppet) * [1.0, -1.0] + [0.0, 1.0]  # trimesh counts v upwards and turns it for glTF
     for rank, layer in enumerate(order):
         mine = np.flatnonzero(puppet.layer_of_vertex == layer)
-        places = np.column_stack([vertices[mine, 0], height - vertices[mine, 1], np.full(len(mine), rank * GAP)])
+        places = np.column_stack([vertices[mine, 0], -vertices[mine, 1], np.full(len(mine), rank * GAP)])
         faces = triangles[puppet.layer_of_triangle == layer]
         look = TextureVisuals(uv=texture[mine], material=material)  # type: ignore[no-untyped-call]
         mesh = trimesh.Trimesh(places, np.searchsorted(mine, faces), visual=look, process=False)
