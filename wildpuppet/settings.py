@@ -77,6 +77,8 @@ class AutoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """At most this many parts."""
     least_limb: Share = 0.12
     """Shortest limb, as a share of the character's larger side."""
+    seed: int = 0
+    """Seed of the random starts of GrabCut's colour clusters and of ties in the medial axis."""
 
 
 class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -138,10 +140,14 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Adam's step size; the global bias learns at a tenth of it."""
     code: Count = 512
     """Size of the latent code."""
-    code_relu: bool = True
+    code_relu: bool = False
     """The paper's ReLU on the code; off makes the code two-sided, which interpolation wants."""
     encoder_pixels: Annotated[int, Meta(ge=16, le=512)] = 64
     """Side of the square image the encoder sees."""
+    distil: Share = 0.25
+    """Share of the iterations that first teach the network the search's poses; 0 is the paper."""
+    as_printed: bool = False
+    """The paper's ARAP (vertex cells) and mask area; off: triangles and layer areas at the frame's own scale."""
     seed: int = 0
     """Seed of initial weights and batches."""
 

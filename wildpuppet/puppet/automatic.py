@@ -1,0 +1,155 @@
+"""A puppet without an author: from one frame and one box, a body with limbs that a person can correct.
+
+The silhouette comes from ``foreground``, the cuts from its medial axis. Limbs that lie in front of the body do not show
+in a silhouette and stay part of it. At every cut both parts cover the same disc, so that bending opens no gap: the body
+goes on under the limb's root and the limb goes on into the body.
+"""
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+from scipy import ndimage
+
+from wildpuppet.errors import InputError
+from wildpuppet.puppet.foreground import silhouette_in
+from wildpuppet.puppet.limbs import find_cuts, label_nodes, label_pixels
+from wildpuppet.puppet.silhouette import silhouette_of
+from wildpuppet.puppet.skeleton import Skeleton, skeleton_of
+from wildpuppet.settings import AutoSettings
+from wildpuppet.types import CutOut, JointSpec, Part
+
+WORKING_PIXELS = 256
+"""Larger side of the silhouette when it is cut into limbs."""
+OVERLAP = 1.3
+"""Radius of the disc that both parts cover at a cut, in radii of the silhouette there."""
+SEAM_PIXELS = 3.0
+"""Frame pixels by which parts overlap along the rest of their common border."""
+
+Place = tuple[float, float]
+Mask = Bool[np.ndarray, "H W"]
+
+
+def automatic(
+    rgb: UInt8[np.ndarray, "H W 3"],
+    matte: UInt8[np.ndarray, "H W"] | None,
+    box: tuple[float, float, float, float],
+    settings: AutoSettings,
+) -> CutOut:
+    """Make a puppet from one frame: the canvas is the frame, parts are listed body first, then limbs outwards.
+
+    ``box`` is x, y, w, h in pixels; ``matte`` is 255 where the character surely is, 0 where it surely is not and 128
+    where nothing is known, or None.
+
+    Raises:
+        InputError: the box has no area inside the frame.
+    """
+    height, width = rgb.shape[:2]
+    x, y, w, h = box
+    if not (min(x + w, width) - max(x, 0.0) >= 4.0 and min(y + h, height) - max(y, 0.0) >= 4.0):
+        raise InputError(f"box {x:g},{y:g},{w:g},{h:g}: less than 4 pixels of it lie in the {width} x {height} frame")
+    alpha = silhouette_in(rgb, matte, box, settings.seed)
+    labels, skeleton, cuts, to_frame = _limbs(alpha, settings)
+    masks = _part_masks(labels, skeleton, cuts, to_frame, alpha)
+    names, parents = _names(skeleton, cuts, masks)
+    parts = tuple(Part(name, _cut_out(rgb, alpha, mask)) for name, mask in zip(names, masks, strict=True))
+    joints = tuple(
+        JointSpec((names[parents[index]], names[index + 1]), _to_frame(skeleton.points[node], to_frame))
+        for index, node in enumerate(cuts)
+    )
+    return CutOut((width, height), parts, joints)
+
+
+def _limbs(
+    alpha: UInt8[np.ndarray, "H W"], settings: AutoSettings
+) -> tuple[Int[np.ndarray, "h w"], Skeleton, list[int], tuple[float, float, float]]:
+    """Cut the silhouette at working scale; returns labels, axis, cuts and the frame's scale and corner (x, y)."""
+    rows, columns = np.flatnonzero((alpha >= 128).any(axis=1)), np.flatnonzero((alpha >= 128).any(axis=0))
+    top, left = int(rows[0]), int(columns[0])
+    cut = alpha[top : int(rows[-1]) + 1, left : int(columns[-1]) + 1]
+    scale = min(1.0, WORKING_PIXELS / max(cut.shape))
+    size = max(1, round(cut.shape[1] * scale)), max(1, round(cut.shape[0] * scale))
+    small = cv2.resize(cut, size, interpolation=cv2.INTER_AREA)
+    area = silhouette_of(small, least_alpha=128, pinhole=0.0, speck=0.0, bridge=float(sum(size)))
+    mask = np.ones((1, 1), bool) if area is None else area.mask
+    skeleton = skeleton_of(mask, settings.seed)
+    cuts = find_cuts(skeleton, settings.least_limb * max(mask.shape), settings.most_parts - 1)
+    labels = label_pixels(mask, skeleton, label_nodes(skeleton, cuts))
+    shift = (0, 0) if area is None else area.origin
+    return labels, skeleton, cuts, (1.0 / scale, left + shift[0] / scale, top + shift[1] / scale)
+
+
+def _to_frame(point: Float[np.ndarray, "2"], to_frame: tuple[float, float, float]) -> Place:
+    scale, left, top = to_frame
+    return float(point[0] * scale + left), float(point[1] * scale + top)
+
+
+def _part_masks(
+    labels: Int[np.ndarray, "h w"],
+    skeleton: Skeleton,
+    cuts: list[int],
+    to_frame: tuple[float, float, float],
+    alpha: UInt8[np.ndarray, "H W"],
+) -> list[Mask]:
+    """Enlarge the labels to the frame and let neighbours overlap: a little everywhere, a whole disc at the joints."""
+    scale, left, top = to_frame
+    height, width = alpha.shape
+    _, (rows, columns) = ndimage.distance_transform_edt(labels < 0, return_indices=True)
+    spread = labels[rows, columns]
+    across = np.clip((np.arange(width) + 0.5 - left) / scale, 0, labels.shape[1] - 1).astype(int)
+    down = np.clip((np.arange(height) + 0.5 - top) / scale, 0, labels.shape[0] - 1).astype(int)
+    whole = np.where(alpha > 0, spread[down[:, None], across[None]], -1)
+    masks: list[Mask] = [_near(whole == part, SEAM_PIXELS) & (alpha > 0) for part in range(len(cuts) + 1)]
+    owner = label_nodes(skeleton, cuts)
+    for index, node in enumerate(cuts):
+        x, y = _to_frame(skeleton.points[node], to_frame)
+        reach = OVERLAP * skeleton.radius[node] * scale + SEAM_PIXELS
+        disc = np.hypot(np.arange(width) + 0.5 - x, (np.arange(height) + 0.5 - y)[:, None]) <= reach
+        for part in (index + 1, int(owner[skeleton.parent[node]])):
+            masks[part] |= disc & (alpha > 0)
+    return masks
+
+
+def _near(mask: Mask, pixels: float) -> Mask:
+    near: Mask = ndimage.distance_transform_edt(~mask) <= pixels if mask.any() else mask
+    return near
+
+
+def _names(skeleton: Skeleton, cuts: list[int], masks: list[Mask]) -> tuple[list[str], list[int]]:
+    """Guess names by place; returns them and, for each limb, the index of the part that it hangs on."""
+    owner = label_nodes(skeleton, cuts)
+    parents = [int(owner[skeleton.parent[node]]) for node in cuts]
+    middles = [np.argwhere(mask).mean(axis=0)[::-1] for mask in masks]
+    low, high = skeleton.points[:, 1].min(), skeleton.points[:, 1].max()
+    names = ["body"]
+    for index, (node, parent) in enumerate(zip(cuts, parents, strict=True)):
+        if parent:
+            base = f"{names[parent]}_end"
+        elif skeleton.points[owner == index + 1][:, 1].max() > low + 0.85 * (high - low):
+            base = "leg"
+        elif _is_head(skeleton, owner == index + 1, skeleton.points[node]):
+            base = "head"
+        else:
+            base = "arm"
+        if not parent and base != "head":
+            base += "_left" if middles[index + 1][0] < middles[0][0] else "_right"
+        names.append(_unused(base, names))
+    return names, parents
+
+
+def _is_head(skeleton: Skeleton, own: Bool[np.ndarray, " N"], root: Float[np.ndarray, "2"]) -> bool:
+    """Tell whether a limb goes upwards and is thick."""
+    away = skeleton.points[own].mean(axis=0) - root
+    return bool(-away[1] > abs(away[0]) and skeleton.radius[own].max() >= 0.4 * skeleton.radius.max())
+
+
+def _unused(base: str, names: list[str]) -> str:
+    name, number = base, 2
+    while name in names:
+        name, number = f"{base}_{number}", number + 1
+    return name
+
+
+def _cut_out(
+    rgb: UInt8[np.ndarray, "H W 3"], alpha: UInt8[np.ndarray, "H W"], mask: Mask
+) -> UInt8[np.ndarray, "H W 4"]:
+    return np.dstack([rgb, np.where(mask, alpha, 0)]).astype(np.uint8)
