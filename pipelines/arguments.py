@@ -22,7 +22,8 @@ def parse(kind: type[T], argv: Sequence[str], program: str, default: T | None = 
     more: dict[str, Any] = {} if default is None else {"default": default}
     try:
         with contextlib.redirect_stderr(complaint):
-            return tyro.cli(kind, args=list(argv), prog=program, config=(tyro.conf.FlagConversionOff,), **more)
+            parsed: T = tyro.cli(kind, args=list(argv), prog=program, config=(tyro.conf.FlagConversionOff,), **more)
+        return parsed
     except SystemExit as end:
         if end.code in (0, None):
             raise

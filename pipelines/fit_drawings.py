@@ -11,30 +11,27 @@ from wildpuppet.store import given
 
 from .fit_frames import Frames, fit_frames
 from .keeper import Keeper
-from .outcome import Outcome, write_outcome
+from .outcome import Outcome
 from .request import Request, given_cutout, given_drawings
 
 
-def fit_drawings(keeper: Keeper, request: Request) -> None:
-    """Run every stage that is not kept and write OUT. Frames are numbered in sorted file order."""
+def fit_drawings(keeper: Keeper, request: Request) -> Outcome:
+    """Run every stage that is not kept. Frames are numbered in sorted file order."""
     check_out(request.out)
     assert request.puppet is not None, "drawings need a puppet"
     drawings = given_drawings(request.source)
     puppet = keeper.keep(stages.PUPPET, cutout=given_cutout(request.puppet))
-    crops = keeper.keep(stages.DRAWINGS, folder=drawings.derived("folder", lambda found: found.folder))
+    folder = drawings.derived("folder", lambda found: found.folder)
+    crops = keeper.keep(stages.DRAWINGS, folder=folder)
     names = drawings.value.names
     test = held_out(len(names), request.test_share, request.settings.train.seed)
     fit = fit_frames(keeper, puppet, crops, Frames(len(names), None, test))
     no_clip = given(None, "none")
-    meshes = keeper.keep(
-        stages.MESHES, clip=no_clip, size=given(drawings.value.size), puppet=puppet, crops=crops, fit=fit
-    )
+    meshes = keeper.keep(stages.MESHES, clip=no_clip, puppet=puppet, crops=crops, fit=fit)
     preview = None
     if keeper.settings.out.preview:
-        preview = keeper.keep(stages.PREVIEW, clip=no_clip, puppet=puppet, crops=crops, fit=fit)
-    write_outcome(
-        keeper, request, Outcome(drawings.value.size, puppet, crops, fit, meshes, preview, tuple(names), tuple(test))
-    )
+        preview = keeper.keep(stages.PREVIEW, source=folder, puppet=puppet, crops=crops, fit=fit)
+    return Outcome(drawings.value.size, puppet, crops, fit, meshes, preview, drawings.value.names, tuple(test))
 
 
 def held_out(number: int, share: float, seed: int) -> list[int]:

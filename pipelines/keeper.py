@@ -155,6 +155,11 @@ class Keeper:
         return seconds
 
 
+def flat_digests(inputs: Inputs) -> list[Any]:
+    """List the digests of all inputs; None stands for a content that nobody knows yet."""
+    return [part.digest for kept in inputs.values() for part in (kept if isinstance(kept, list) else [kept])]
+
+
 def stage_list(questions: list[Question]) -> list[dict[str, Any]]:
     """Write questions as plain values, one per stage name (the first part stands for all of them)."""
     first = {question.stage: question for question in reversed(questions)}

@@ -14,9 +14,14 @@ from rich.progress import TimeRemainingColumn as Remaining
 class Reporter(Protocol):
     """Hears about steps; ``share`` of a step's work lies between 0 and 1."""
 
-    def begin(self, step: str) -> None: ...
-    def update(self, share: float) -> None: ...
-    def end(self, step: str, is_kept: bool) -> None: ...
+    def begin(self, step: str) -> None:
+        """A step starts."""
+
+    def update(self, share: float) -> None:
+        """So much of it is done."""
+
+    def end(self, step: str, is_kept: bool) -> None:
+        """It is done; nothing of it had to be made when ``is_kept``."""
 
 
 class Silent:

@@ -15,6 +15,7 @@ from wildpuppet.stages import NAMES
 from wildpuppet.store import Store
 
 from .keeper import Keeper, ReachedEnd
+from .outcome import Outcome, write_outcome
 from .reporter import Reporter
 from .request import Request
 
@@ -43,7 +44,7 @@ class Options:
         return settings_from(msgspec.to_builtins(self.settings))
 
 
-Pipeline = Callable[[Keeper, Request], None]
+Pipeline = Callable[[Keeper, Request], Outcome]
 
 
 def run_pipeline(pipeline: Pipeline, request: Request, options: Options, reporter: Reporter) -> bool:
@@ -55,8 +56,9 @@ def run_pipeline(pipeline: Pipeline, request: Request, options: Options, reporte
     keeper = Keeper(Store(options.store), request.settings, machine, reporter, until=options.until, redo=options.redo)
     keeper.noted_as(request.note_name, {"out": str(request.out.absolute()), "request": request.plain()})
     try:
-        pipeline(keeper, request)
+        outcome = pipeline(keeper, request)
     except ReachedEnd:
         return False
+    write_outcome(keeper, request, outcome)
     keeper.finish()
     return True

@@ -7,17 +7,17 @@ from pathlib import Path
 
 from wildpuppet import stages
 from wildpuppet.runs import check_out, check_puppet_unedited
-from wildpuppet.store import Kept, given
-from wildpuppet.types import Clip, Crops, Puppet
+from wildpuppet.store import Kept
+from wildpuppet.types import Clip, Crops, Puppet, Target
 
 from .fit_frames import Frames, fit_frames
 from .keeper import Keeper
-from .outcome import Outcome, write_outcome
+from .outcome import Outcome
 from .request import Request, at_path, given_cutout, given_target, given_video, target_of
 
 
-def track_video(keeper: Keeper, request: Request) -> None:
-    """Run every stage that is not kept and write OUT."""
+def track_video(keeper: Keeper, request: Request) -> Outcome:
+    """Run every stage that is not kept."""
     check_out(request.out)
     clip = keeper.keep(stages.PROBE, video=given_video(request.source)).then(at_path(request.source))
     frames_wanted = target_of(request, clip.value)
@@ -26,14 +26,14 @@ def track_video(keeper: Keeper, request: Request) -> None:
     track = keeper.keep(stages.TRACK, clip=clip, target=target)
     crops = keeper.keep(stages.CROP, clip=clip, track=track, target=target)
     if puppet is None:
-        puppet = automatic_puppet(keeper, clip, crops, request)
+        puppet = automatic_puppet(keeper, clip, crops, target, request.out)
     frames = Frames(frames_wanted.end - frames_wanted.start, frames_wanted.at - frames_wanted.start)
     fit = fit_frames(keeper, puppet, crops, frames)
-    meshes = keeper.keep(stages.MESHES, clip=clip, size=given(clip.value.size), puppet=puppet, crops=crops, fit=fit)
+    meshes = keeper.keep(stages.MESHES, clip=clip, puppet=puppet, crops=crops, fit=fit)
     preview = None
     if keeper.settings.out.preview:
-        preview = keeper.keep(stages.PREVIEW, clip=clip, puppet=puppet, crops=crops, fit=fit)
-    write_outcome(keeper, request, Outcome(clip.value.size, puppet, crops, fit, meshes, preview))
+        preview = keeper.keep(stages.PREVIEW, source=clip, puppet=puppet, crops=crops, fit=fit)
+    return Outcome(clip.value.size, puppet, crops, fit, meshes, preview)
 
 
 def given_puppet(keeper: Keeper, folder: Path | None) -> Kept[Puppet] | None:
@@ -43,8 +43,10 @@ def given_puppet(keeper: Keeper, folder: Path | None) -> Kept[Puppet] | None:
     return keeper.keep(stages.PUPPET, cutout=given_cutout(folder))
 
 
-def automatic_puppet(keeper: Keeper, clip: Kept[Clip], crops: Kept[Crops], request: Request) -> Kept[Puppet]:
+def automatic_puppet(
+    keeper: Keeper, clip: Kept[Clip], crops: Kept[Crops], target: Kept[Target], out: Path
+) -> Kept[Puppet]:
     """Make a puppet from the reference frame; one that was corrected by hand in OUT is not written over."""
-    check_puppet_unedited(request.out)
-    cutout = keeper.keep(stages.AUTOMATIC, clip=clip, crops=crops)
+    check_puppet_unedited(out)
+    cutout = keeper.keep(stages.AUTOMATIC, clip=clip, crops=crops, target=target)
     return keeper.keep(stages.PUPPET, cutout=cutout)

@@ -5,16 +5,16 @@ its settings, then the machine; it imports what it needs when it runs, so that l
 A stage named "search.part" makes one piece of "search", which joins them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from wildpuppet import disk
-from wildpuppet.machine import Machine
+from wildpuppet.machine import Machine, Progress
 from wildpuppet.settings import (
     AutoSettings,
     CropSettings,
@@ -28,6 +28,10 @@ from wildpuppet.settings import (
 )
 from wildpuppet.types import Clip, Crops, CutOut, Fit, Hypotheses, Poses, Puppet, Target, Track
 
+T = TypeVar("T")
+
+UNKNOWN = 128
+"""Matte where nothing is known."""
 WriteFiles = Callable[[Path], None]
 
 
@@ -74,10 +78,18 @@ def _drawings(folder: Path, settings: CropSettings, machine: Machine) -> Crops:
     return crops_of_drawings(names, images, (width, height), settings)
 
 
-def _automatic(clip: Clip, crops: Crops, settings: AutoSettings, machine: Machine) -> CutOut:
+def _automatic(clip: Clip, crops: Crops, target: Target, settings: AutoSettings, machine: Machine) -> CutOut:
+    from wildpuppet.crop.warp import cut_window, inside_image
+    from wildpuppet.geometry import affine
     from wildpuppet.puppet.automatic import automatic
+    from wildpuppet.video.read import FrameReader
 
-    return automatic(clip, crops, settings)
+    index = target.at - target.start
+    crop_from_video = affine.invert(crops.video_from_crop[index])
+    matte = cut_window(crops.images[index : index + 1][0][..., 3], crop_from_video, clip.size)
+    is_known = inside_image(crops.size, crop_from_video, clip.size) > 0
+    known_matte = np.where(is_known, matte, UNKNOWN).astype(np.uint8)
+    return automatic(FrameReader(clip).frame(target.at), known_matte, target.box_video, settings)
 
 
 def _puppet(cutout: CutOut, settings: PuppetSettings, machine: Machine) -> Puppet:
@@ -122,9 +134,14 @@ def _choose(puppet: Puppet, crops: Crops, hypotheses: Hypotheses, settings: Sear
 
 
 def _rest(puppet: Puppet, crops: Crops, placement: Float[np.ndarray, "2 3"], machine: Machine) -> Poses:
-    from wildpuppet.pose.place import rest_poses
-
-    return rest_poses(puppet, crops, placement)
+    """Stand the puppet as it was drawn in every crop: windows follow the character, so the place is the same."""
+    num_frames, num_layers = len(crops.frames), puppet.num_layers
+    return Poses(
+        np.broadcast_to(placement, (num_frames, num_layers, 2, 3)).copy(),
+        np.tile(np.arange(num_layers), (num_frames, 1)),
+        np.zeros(num_frames),
+        np.zeros(num_frames),
+    )
 
 
 def _fit_part(
@@ -157,13 +174,7 @@ def _train(
 
 
 def _meshes(
-    clip: Clip | None,
-    size: tuple[int, int],
-    puppet: Puppet,
-    crops: Crops,
-    fit: Fit,
-    settings: OutSettings,
-    machine: Machine,
+    clip: Clip | None, puppet: Puppet, crops: Crops, fit: Fit, settings: OutSettings, machine: Machine
 ) -> WriteFiles:
     from wildpuppet.export.mesh_files import write_mesh_files
     from wildpuppet.export.meshes import write_meshes
@@ -171,20 +182,34 @@ def _meshes(
     def write(folder: Path) -> None:
         write_meshes(folder / "meshes.npz", puppet, crops, fit, clip)
         if settings.meshes != "none":
-            write_mesh_files(folder / "meshes", settings.meshes, puppet, crops, fit, size[1], machine.progress)
+            write_mesh_files(folder / "meshes", puppet, crops, fit, settings.meshes, machine.progress)
 
     return write
 
 
-def _preview(clip: Clip | None, puppet: Puppet, crops: Crops, fit: Fit, machine: Machine) -> WriteFiles:
-    from wildpuppet.export.preview import write_preview
-    from wildpuppet.export.sheet import write_sheet
+def _preview(place: Clip | Path, puppet: Puppet, crops: Crops, fit: Fit, machine: Machine) -> WriteFiles:
+    from PIL import Image
+
+    from wildpuppet.export.preview import preview_frames
+    from wildpuppet.export.sheet import sheet
+    from wildpuppet.export.source import pictures, source_of
+    from wildpuppet.video.write import write_preview
 
     def write(folder: Path) -> None:
-        write_preview(folder / "preview.mp4", clip, puppet, crops, fit, machine)
-        write_sheet(folder / "sheet.png", clip, puppet, crops, fit, machine)
+        source = source_of(place)
+        pts, time_base = source.times(fit.frames)
+        shown = counted(preview_frames(pictures(source, fit.frames), puppet, crops, fit), len(pts), machine.progress)
+        write_preview(folder / "preview.mp4", shown, pts, time_base)
+        Image.fromarray(sheet(source_of(place).picture, puppet, crops, fit)).save(folder / "sheet.png")
 
     return write
+
+
+def counted(items: Iterable[T], total: int, progress: Progress) -> Iterator[T]:
+    """Pass items on and report how many."""
+    for done, item in enumerate(items, 1):
+        yield item
+        progress(done, total)
 
 
 PROBE = Stage("probe", 1, ("probe",), _probe, disk.save_clip, disk.load_clip)

@@ -1,10 +1,10 @@
 """Content-addressed results: a result is kept under what it was made of, so nothing is ever made twice.
 
-The key of a result is BLAKE2b of canonical JSON [stage, version, settings, {input: digest of its content}]. Inputs count
-by content, not by how they were made; device and threads count nowhere. A result is a folder of data files beside a
-``record.json`` that says what it is; it is written beside and renamed into place, so it is there whole or not at all,
-and whoever comes second to a name uses what is there. Reading a kept result reads its record and nothing else until
-the value is asked for.
+The key of a result is BLAKE2b of canonical JSON [stage, version, settings, {input: digest of its content}]. Inputs
+count by content, not by how they were made; device and threads count nowhere. A result is a folder of data files
+beside a ``record.json`` that says what it is; it is written beside and renamed into place, so it is there whole or not
+at all, and whoever comes second to a name uses what is there. Reading a kept result reads its record and nothing else
+until the value is asked for.
 
     STORE/store.json              schema
     STORE/entries/ab/abcd.../     record.json and the data files of one result
