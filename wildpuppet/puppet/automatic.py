@@ -13,6 +13,7 @@ from scipy import ndimage
 from wildpuppet.errors import InputError
 from wildpuppet.puppet.foreground import silhouette_in
 from wildpuppet.puppet.limbs import find_cuts, label_nodes, label_pixels
+from wildpuppet.puppet.naming import part_names
 from wildpuppet.puppet.silhouette import silhouette_of
 from wildpuppet.puppet.skeleton import Skeleton, skeleton_of
 from wildpuppet.settings import AutoSettings
@@ -50,7 +51,9 @@ def automatic(
     alpha = silhouette_in(rgb, matte, box, settings.seed)
     labels, skeleton, cuts, to_frame = _limbs(alpha, settings)
     masks = _part_masks(labels, skeleton, cuts, to_frame, alpha)
-    names, parents = _names(skeleton, cuts, masks)
+    owner = label_nodes(skeleton, cuts)
+    parents = [int(owner[skeleton.parent[node]]) for node in cuts]
+    names = part_names(skeleton, cuts, parents)
     parts = tuple(Part(name, _cut_out(rgb, alpha, mask)) for name, mask in zip(names, masks, strict=True))
     joints = tuple(
         JointSpec((names[parents[index]], names[index + 1]), _to_frame(skeleton.points[node], to_frame))
@@ -112,41 +115,6 @@ def _part_masks(
 def _near(mask: Mask, pixels: float) -> Mask:
     near: Mask = ndimage.distance_transform_edt(~mask) <= pixels if mask.any() else mask
     return near
-
-
-def _names(skeleton: Skeleton, cuts: list[int], masks: list[Mask]) -> tuple[list[str], list[int]]:
-    """Guess names by place; returns them and, for each limb, the index of the part that it hangs on."""
-    owner = label_nodes(skeleton, cuts)
-    parents = [int(owner[skeleton.parent[node]]) for node in cuts]
-    middles = [np.argwhere(mask).mean(axis=0)[::-1] for mask in masks]
-    low, high = skeleton.points[:, 1].min(), skeleton.points[:, 1].max()
-    names = ["body"]
-    for index, (node, parent) in enumerate(zip(cuts, parents, strict=True)):
-        if parent:
-            base = f"{names[parent]}_end"
-        elif skeleton.points[owner == index + 1][:, 1].max() > low + 0.85 * (high - low):
-            base = "leg"
-        elif _is_head(skeleton, owner == index + 1, skeleton.points[node]):
-            base = "head"
-        else:
-            base = "arm"
-        if not parent and base != "head":
-            base += "_left" if middles[index + 1][0] < middles[0][0] else "_right"
-        names.append(_unused(base, names))
-    return names, parents
-
-
-def _is_head(skeleton: Skeleton, own: Bool[np.ndarray, " N"], root: Float[np.ndarray, "2"]) -> bool:
-    """Tell whether a limb goes upwards and is thick."""
-    away = skeleton.points[own].mean(axis=0) - root
-    return bool(-away[1] > abs(away[0]) and skeleton.radius[own].max() >= 0.4 * skeleton.radius.max())
-
-
-def _unused(base: str, names: list[str]) -> str:
-    name, number = base, 2
-    while name in names:
-        name, number = f"{base}_{number}", number + 1
-    return name
 
 
 def _cut_out(

@@ -1,9 +1,9 @@
 """The character's silhouette in one frame: GrabCut from its box, sharpened by a matte where one is known.
 
 GrabCut (Rother, Kolmogorov and Blake 2004) learns the colours inside and outside and cuts along strong edges. Pixels
-outside the box are background for sure. Inside, a cartoon's character is fenced by its outlines: what can be reached from
-outside without crossing an edge starts as background, what lies behind edges as foreground. That keeps a background
-object that the box happens to cut out of the first colour model.
+outside the box are background for sure. Inside, a cartoon's character is fenced by its outlines: what can be reached
+from outside without crossing an edge starts as background, what lies behind edges as foreground. That keeps a
+background object that the box happens to cut out of the first colour model.
 """
 
 import cv2
@@ -71,7 +71,8 @@ def _ellipse(box: Box, size: tuple[int, int]) -> Float[np.ndarray, "h w"]:
     x, y, w, h = box
     across = (np.arange(size[0]) + 0.5 - x - 0.5 * w) / max(0.5 * w, 1e-6)
     down = (np.arange(size[1]) + 0.5 - y - 0.5 * h) / max(0.5 * h, 1e-6)
-    return np.hypot(across[None], down[:, None])
+    distance: Float[np.ndarray, "h w"] = np.hypot(across[None], down[:, None])
+    return distance
 
 
 def _inside(box: Box, size: tuple[int, int]) -> Mask:
@@ -109,8 +110,7 @@ def _fence(rgb: UInt8[np.ndarray, "h w 3"], inside: Mask) -> Float[np.ndarray, "
     across, down = (cv2.Sobel(lab, cv2.CV_32F, dx, dy, ksize=3, scale=0.25) for dx, dy in ((1, 0), (0, 1)))
     change = np.sqrt((across**2 + down**2).sum(axis=2))
     paths = MCP_Geometric(0.1 + np.maximum(change - TEXTURE, 0.0))
-    distance, _ = paths.find_costs(np.argwhere(~inside))
-    fence: Float[np.ndarray, "h w"] = distance
+    fence: Float[np.ndarray, "h w"] = paths.find_costs(np.argwhere(~inside))[0]
     return fence
 
 
@@ -121,7 +121,7 @@ def _grabcut(rgb: UInt8[np.ndarray, "h w 3"], guess: UInt8[np.ndarray, "h w"], s
     cv2.setRNGSeed(seed)  # GrabCut's first clusters are random
     mask, background, foreground = guess.copy(), np.zeros((1, 65)), np.zeros((1, 65))
     picture = np.ascontiguousarray(rgb[..., ::-1])
-    cv2.grabCut(picture, mask, None, background, foreground, ROUNDS, cv2.GC_INIT_WITH_MASK)
+    cv2.grabCut(picture, mask, (0, 0, 1, 1), background, foreground, ROUNDS, cv2.GC_INIT_WITH_MASK)
     found: Mask = (mask == cv2.GC_FGD) | (mask == cv2.GC_PR_FGD)
     return found
 
@@ -149,4 +149,5 @@ def _soft(mask: Mask, size: tuple[int, int]) -> UInt8[np.ndarray, "H W"]:
     signed = ndimage.gaussian_filter(np.where(mask, inner - 0.5, 0.5 - outer), 0.7)
     scale = size[0] / mask.shape[1]
     large = cv2.resize(signed.astype(np.float32), size, interpolation=cv2.INTER_LINEAR) * scale
-    return np.clip(np.round(255.0 * large), 0, 255).astype(np.uint8)
+    alpha: UInt8[np.ndarray, "H W"] = np.clip(np.round(255.0 * large), 0, 255).astype(np.uint8)
+    return alpha

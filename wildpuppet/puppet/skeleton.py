@@ -43,7 +43,7 @@ class Skeleton:
 
 def skeleton_of(mask: Bool[np.ndarray, "H W"], seed: int) -> Skeleton:
     """Build the tree of a silhouette in one piece; a piece apart from the root's is left out."""
-    axis, distance = medial_axis(np.pad(mask, 1), return_distance=True, rng=seed)
+    axis, distance = medial_axis(np.pad(mask, 1), return_distance=True, rng=seed)  # type: ignore[no-untyped-call]
     axis, distance = axis[1:-1, 1:-1], distance[1:-1, 1:-1]
     rows, columns = np.nonzero(axis)
     points = np.stack([columns + 0.5, rows + 0.5], axis=1)
