@@ -89,4 +89,4 @@ def write_flow(path: Path, dense: DenseFlow) -> None:
 def _flo(dense: DenseFlow) -> bytes:
     height, width = dense.visible.shape
     head = b"PIEH" + np.array([width, height], "<i4").tobytes()
-    return head + np.nan_to_num(dense.flow, nan=FLO_UNKNOWN).astype("<f4").tobytes()
+    return head + bytes(np.nan_to_num(dense.flow, nan=FLO_UNKNOWN).astype("<f4").tobytes())
