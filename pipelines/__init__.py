@@ -1,0 +1,1 @@
+"""The application: the command line and one short file per command that puts stages in order."""

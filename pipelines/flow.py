@@ -18,7 +18,7 @@ class Arguments:
     target: Annotated[int, tyro.conf.arg(name="to", metavar="FRAME")]
     """Frame that the map leads to."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
-    """FILE.npz: flow (H,W,2) f32 in pixels, NaN where no puppet is, and visible (H,W) bool; or FILE.flo (Middlebury)."""
+    """FILE.npz: flow (H,W,2) f32, NaN where no puppet is, and visible (H,W) bool; or FILE.flo (Middlebury)."""
 
 
 def main(arguments: Arguments) -> None:

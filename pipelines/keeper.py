@@ -87,7 +87,7 @@ class Keeper:
 
     @contextmanager
     def step(self, name: str, total: float) -> Iterator[None]:
-        """Report all that is kept inside as one step of ``total`` weight; ends the run after it if ``until`` says so."""
+        """Report all that is kept inside as one step of ``total`` weight; the run ends after the step ``until``."""
         first = len(self.used)
         self._step, self._done, self._total = name, 0.0, total
         self.reporter.begin(name)

@@ -49,9 +49,8 @@ def _find(name: str) -> Path:
     if Path(name).is_file():
         return Path(name)
     known = preset_names()
-    raise SettingsError(
-        f"--config {name}: expected one of {', '.join(known)} or a .toml file, found neither{_did_you_mean(name, known)}"
-    )
+    near = _did_you_mean(name, known)
+    raise SettingsError(f"--config {name}: expected one of {', '.join(known)} or a .toml file, found neither{near}")
 
 
 def check_names(tree: dict[str, Any], where: str) -> None:

@@ -12,7 +12,7 @@ from wildpuppet import atomic
 
 @dataclass(frozen=True)
 class Arguments:
-    """Say in words what is wrong with a puppet folder, and draw DIR/overlay.png. Exit code 1 when there are findings."""
+    """Say in words what is wrong with a puppet folder, and draw DIR/overlay.png. Exits with 1 on findings."""
 
     folder: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR")]
     """The puppet folder: puppet.json and its part images."""

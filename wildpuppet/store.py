@@ -302,7 +302,7 @@ def why(asked: Question, last: Question | None) -> str:
     for name in sorted(before.keys() | now.keys()):
         if before.get(name) != now.get(name):
             changes.append(f"{name} {_short(before.get(name))} -> {_short(now.get(name))}")
-    changed = [name for name in asked.inputs if asked.inputs[name] != last.inputs.get(name)]
+    changed = [name for name in asked.inputs if canonical(asked.inputs[name]) != canonical(last.inputs.get(name))]
     changes += [f"{name} changed" for name in changed]
     return ", ".join(changes) or "its result is no longer in the store"
 
