@@ -10,23 +10,20 @@ Neural Puppet (Poursaeed et al., WACV 2020), section 3.2. Outlines are in frame 
 """
 
 import json
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from scipy.ndimage import distance_transform_edt
 
 from wildpuppet.errors import PuppetError
+from wildpuppet.puppet.complete import bleed_colour, complete_colour
 from wildpuppet.types import CutOut, JointSpec, Part
 
-_SUBPIXELS = 8
-"""Coverage is counted on this many samples per pixel side: 64 levels of alpha, finer than any drawn edge."""
+_SCAN_LINES = 8
+"""Scan lines per pixel that coverage is the mean of; with exact columns this is finer than any drawn edge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,24 +36,25 @@ class Outline:
 
 @dataclass(frozen=True, eq=False)
 class Outlines:
-    """What an outline file says: parts back to front, hinges, the frame's size and its number where known."""
+    """What an outline file says: parts back to front, hinges, the frame's size and its number where known.
+
+    ``halo`` is how many pixels beside a part in front are not believed to be a part's own colour; over as many more the
+    frame's colour fades in, and the completion borrows from pixels that far from any edge. 0 for clean vector art, 1
+    for clean video, 3 for compressed video with soft edges.
+    """
 
     parts: tuple[Outline, ...]
     joints: tuple[JointSpec, ...] = ()
     canvas: tuple[int, int] | None = None
     reference: int | None = None
+    halo: int = 1
 
 
-def cutout_from_outlines(
-    frame_rgb: UInt8[np.ndarray, "H W 3"], outlines: Outlines, *, bleed: int = 6, halo: int = 2
-) -> CutOut:
+def cutout_from_outlines(frame_rgb: UInt8[np.ndarray, "H W 3"], outlines: Outlines, *, bleed: int = 6) -> CutOut:
     """Cut every outlined part out of the frame and complete what the parts in front hide.
 
-    ``bleed`` is how many pixels the colour runs on outside a part's outline. ``halo`` is how many pixels beside a part
-    in front are not believed to be this part's own colour; over as many more the frame's colour fades in, and the
-    completion borrows from pixels that far from any edge. Raise it where edges are soft or the video is badly
-    compressed (about 3), lower it to 0 for clean vector art. Raises PuppetError where outlines contradict the frame or
-    one another, or where a part shows no pixel of its own to complete it from.
+    ``bleed`` is how many pixels the colour runs on outside a part's outline. Raises PuppetError where outlines
+    contradict the frame or one another, or where a part shows no pixel of its own to complete it from.
     """
     height, width = frame_rgb.shape[:2]
     _check_outlines(outlines, (width, height))
@@ -64,13 +62,13 @@ def cutout_from_outlines(
     parts = []
     for index, outline in enumerate(outlines.parts):
         in_front = np.max([np.zeros((height, width)), *coverage[index + 1 :]], axis=0) > 0
-        trust = _trust(coverage[index] >= 1, in_front, halo)
+        trust = _trust(coverage[index] >= 1, in_front, outlines.halo)
         if not (trust >= 1).any():
             raise PuppetError(
                 f"part {outline.name!r} shows no pixel of its own: parts in front hide it or its outline has no "
                 "inside; move it forwards in the order or draw it larger"
             )
-        rgb = complete_colour(frame_rgb, trust, coverage[index] >= 1, inset=halo)
+        rgb = complete_colour(frame_rgb, trust, coverage[index] >= 1, inset=outlines.halo)
         rgb = bleed_colour(rgb, coverage[index] >= 1, bleed)
         alpha = np.rint(255 * coverage[index]).astype(np.uint8)
         parts.append(Part(outline.name, np.dstack([rgb, alpha])))
@@ -78,64 +76,32 @@ def cutout_from_outlines(
 
 
 def polygon_coverage(points: Float[np.ndarray, "N 2"], canvas: tuple[int, int]) -> Float[np.ndarray, "H W"]:
-    """Measure which share of each pixel lies inside a polygon (0..1); what is outside the canvas is cut off."""
+    """Measure which share of each pixel lies inside a polygon (0..1); what is outside the canvas is cut off.
+
+    Even-odd rule. Exact along x; along y the mean of a few scan lines per pixel.
+    """
     width, height = canvas
     coverage = np.zeros((height, width))
-    low = np.clip(np.floor(points.min(0)).astype(int) - 1, 0, canvas)
-    high = np.clip(np.ceil(points.max(0)).astype(int) + 1, 0, canvas)
-    if (high <= low).any():
+    left, top = np.clip(np.floor(points.min(0)).astype(int), 0, canvas)
+    right, bottom = np.clip(np.ceil(points.max(0)).astype(int), 0, canvas)
+    if right <= left or bottom <= top:
         return coverage
-    columns, rows = (high - low) * _SUBPIXELS
-    inside = np.zeros((rows, columns), np.uint8)
-    cv2.fillPoly(inside, [_shrunk_for_opencv((points - low) * _SUBPIXELS)], 1, cv2.LINE_8, shift=4)
-    shares = inside.reshape(high[1] - low[1], _SUBPIXELS, high[0] - low[0], _SUBPIXELS).mean((1, 3))
-    coverage[low[1] : high[1], low[0] : high[0]] = shares
+    scan_y = top + (np.arange((bottom - top) * _SCAN_LINES) + 0.5) / _SCAN_LINES
+    columns = np.arange(left, right)
+    inside = np.zeros((len(scan_y), len(columns)))
+    crossings = _crossings(points, scan_y)
+    for start, stop in zip(crossings[:, 0::2].T, crossings[:, 1::2].T, strict=True):
+        inside += np.clip(stop[:, None] - columns, 0, 1) - np.clip(start[:, None] - columns, 0, 1)
+    coverage[top:bottom, left:right] = inside.reshape(bottom - top, _SCAN_LINES, -1).mean(1)
     return coverage
-
-
-def complete_colour(
-    image: UInt8[np.ndarray, "H W 3"],
-    trust: Float[np.ndarray, "H W"],
-    is_wanted: Bool[np.ndarray, "H W"],
-    *,
-    inset: int = 0,
-) -> UInt8[np.ndarray, "H W 3"]:
-    """Keep the trusted pixels (1), replace the others (0) by the nearest trusted colour, smoothed; mix in between.
-
-    Trusted pixels within ``inset`` of the others are kept but lend no colour (edges are polluted by what lies beside
-    them), unless none are left without them. The smoothing grows with the distance to what is known, so that a fill
-    is crisp at its edge and has no streaks far from it. What is not wanted comes back as it was. Raises ValueError
-    where no pixel is trusted.
-    """
-    if not (trust >= 1).any():
-        raise ValueError("complete_colour needs at least one trusted pixel")
-    is_source = ~_grown(trust < 1, inset)
-    if not is_source.any():
-        is_source = trust >= 1
-    rows, columns = np.nonzero(is_wanted | is_source)
-    window = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
-    share = (trust * is_wanted + ~is_wanted)[window][..., None]
-    completed = image.copy()
-    completed[window] = np.rint(share * image[window] + (1 - share) * _filled(image[window], is_source[window]))
-    return completed
-
-
-def bleed_colour(
-    image: UInt8[np.ndarray, "H W 3"], is_inside: Bool[np.ndarray, "H W"], pixels: int
-) -> UInt8[np.ndarray, "H W 3"]:
-    """Run the inside's nearest colour on over the next ``pixels`` outside; what lies beyond is 0."""
-    rows, columns = np.nonzero(_grown(is_inside, pixels))
-    nearest_rows, nearest_columns = distance_transform_edt(~is_inside, return_distances=False, return_indices=True)
-    bled = np.zeros_like(image)
-    bled[rows, columns] = image[nearest_rows[rows, columns], nearest_columns[rows, columns]]
-    return bled
 
 
 def read_outlines(path: Path | str) -> Outlines:
     """Read LabelMe JSON: each polygon is a part (file order = back to front), each point named ``a+b`` is a hinge.
 
-    ``imageWidth`` and ``imageHeight`` give the canvas; a top-level ``reference`` gives the frame number (LabelMe keeps
-    it). Raises PuppetError with the shape's number where a shape cannot be used.
+    ``imageWidth`` and ``imageHeight`` give the canvas. Two fields of ours at the top level, which LabelMe keeps:
+    ``reference``, the frame's number, and ``halo`` (see Outlines). Raises PuppetError with the shape's number where a
+    shape cannot be used.
     """
     path = Path(path)
     tree = _read_json(path)
@@ -152,9 +118,10 @@ def read_outlines(path: Path | str) -> Outlines:
             joints.append(_joint(label, points, where))
         else:
             raise PuppetError(f"{where} ({label!r}) is a {kind!r}; draw parts as polygons and hinges as points")
-    width, height, reference = (tree.get(key) for key in ("imageWidth", "imageHeight", "reference"))
-    canvas = (width, height) if isinstance(width, int) and isinstance(height, int) else None
-    return Outlines(tuple(parts), tuple(joints), canvas, reference if isinstance(reference, int) else None)
+    width, height = _read_count(tree, "imageWidth", path), _read_count(tree, "imageHeight", path)
+    canvas = None if width is None or height is None else (width, height)
+    reference, halo = _read_count(tree, "reference", path), _read_count(tree, "halo", path)
+    return Outlines(tuple(parts), tuple(joints), canvas, reference, Outlines.halo if halo is None else halo)
 
 
 def _read_json(path: Path) -> dict[str, Any]:
@@ -167,6 +134,15 @@ def _read_json(path: Path) -> dict[str, Any]:
     if not isinstance(tree, dict):
         raise PuppetError(f"{path}: expected LabelMe JSON (an object with 'shapes'), found {type(tree).__name__}")
     return tree
+
+
+def _read_count(tree: dict[str, Any], name: str, path: Path) -> int | None:
+    count = tree.get(name)
+    if count is None:
+        return None
+    if not isinstance(count, int) or isinstance(count, bool) or count < 0:
+        raise PuppetError(f"{path}: {name} is {count!r}; expected a whole number, 0 or more")
+    return count
 
 
 def _read_shape(shape: object, where: str) -> tuple[str, str, Float[np.ndarray, "N 2"]]:
@@ -221,17 +197,15 @@ def _check_points(outline: Outline, size: tuple[int, int]) -> None:
         raise PuppetError(f"part {outline.name!r} lies wholly outside the {size[0]}x{size[1]} frame; move it inside")
 
 
-def _shrunk_for_opencv(points: Float[np.ndarray, "N 2"]) -> np.ndarray:
-    """Turn sample coordinates (corner origin) into OpenCV's fixed point (4 bits, sample centres on integers)."""
-    return np.rint((points - 0.5) * 16).astype(np.int32)
-
-
-def _grown(mask: Bool[np.ndarray, "H W"], pixels: int) -> Bool[np.ndarray, "H W"]:
-    """Grow a mask by a disc."""
-    if pixels <= 0:
-        return mask
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * pixels + 1, 2 * pixels + 1))
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), disc), dtype=bool)
+def _crossings(points: Float[np.ndarray, "N 2"], scan_y: Float[np.ndarray, "S"]) -> Float[np.ndarray, "S K"]:
+    """Find where each scan line crosses the polygon, ascending; K is even and short rows end in infinities."""
+    after = np.roll(points, -1, axis=0)
+    is_crossed = (points[:, 1] <= scan_y[:, None]) != (after[:, 1] <= scan_y[:, None])
+    rise = np.where(after[:, 1] == points[:, 1], 1.0, after[:, 1] - points[:, 1])
+    x = points[:, 0] + (scan_y[:, None] - points[:, 1]) * (after[:, 0] - points[:, 0]) / rise
+    most = int(is_crossed.sum(1).max())
+    crossings: Float[np.ndarray, "S K"] = np.sort(np.where(is_crossed, x, np.inf), axis=1)[:, :most]
+    return crossings
 
 
 def _trust(
@@ -241,21 +215,3 @@ def _trust(
     distance = distance_transform_edt(~in_front) if in_front.any() else np.full(in_front.shape, np.inf)
     trust: Float[np.ndarray, "H W"] = np.clip((distance - halo) / max(halo, 1), 0, 1) * is_inside
     return trust
-
-
-def _filled(image: UInt8[np.ndarray, "H W 3"], is_known: Bool[np.ndarray, "H W"]) -> UInt8[np.ndarray, "H W 3"]:
-    """Fill with the nearest known colour, blurred by half the distance to it."""
-    distance, (rows, columns) = distance_transform_edt(~is_known, return_indices=True)
-    nearest = image[rows, columns].astype(np.float32)
-    sigmas = _blur_ladder(float(distance.max()) / 2)
-    ladder = [nearest, *[cv2.GaussianBlur(nearest, (0, 0), sigma) for sigma in sigmas[1:]]]
-    filled = nearest.copy()
-    for (low, high), (sharp, soft) in zip(pairwise(sigmas), pairwise(ladder), strict=True):
-        share = np.clip((distance / 2 - low) / (high - low), 0, 1)[..., None].astype(np.float32)
-        filled += share * (soft - sharp)
-    return np.asarray(np.clip(np.rint(filled), 0, 255), dtype=np.uint8)
-
-
-def _blur_ladder(largest: float) -> Sequence[float]:
-    """List 0, 1, 2, 4 ... up to at least ``largest``."""
-    return [0.0, *[2.0**step for step in range(max(0, math.ceil(math.log2(max(largest, 1.0)))) + 1)]]
