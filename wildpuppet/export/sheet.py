@@ -24,6 +24,8 @@ Window = tuple[int, int, int]
 
 TILE = 240
 """Side of each of a cell's three pictures."""
+FINE = 2 * TILE
+"""Side at which they are drawn before they shrink, so that lines are thin and smooth."""
 CELL_COLUMNS, MOST_CELLS = 3, 18
 GAP = 6
 WORDS = 20
@@ -37,7 +39,7 @@ def sheet(source_of: Callable[[int], Picture], puppet: Puppet, crops: Crops, fit
     placed = vertices_video(crops, fit)
     chosen = spread(len(fit.frames), MOST_CELLS)
     windows = {index: character_window(crops, placed, fit, index) for index in chosen}
-    zoom = float(np.median([TILE / side for _, _, side in windows.values()]))
+    zoom = float(np.median([FINE / side for _, _, side in windows.values()]))
     overlay = Overlay(puppet, zoom * typical_scale(puppet, placed, fit))
     cells = [
         _cell(source_of(int(fit.frames[index])), windows[index], placed[index], fit, index, overlay) for index in chosen
@@ -77,33 +79,34 @@ def _cell(
     tile_from_video = _tile_from_video(window)
     tile = _cut(source, window)
     if fit.state[index] == "lost":
-        tiles = [tile, tile, dimmed(tile)]
+        drawn = [tile, tile, dimmed(tile)]
     else:
         inside = apply(tile_from_video, vertices)
         order = fit.order[index]
-        tiles = [tile, overlay.wireframe(tile, inside, order), overlay.redrawn(tile, inside, order)]
+        drawn = [tile, overlay.wireframe(tile, inside, order), overlay.redrawn(tile, inside, order)]
     words = np.full((WORDS, 3 * TILE, 3), BACKGROUND, np.uint8)
     words[4:16, 2:14] = STATE_COLOURS[fit.state[index]]
     write_text(words, (20, 1), caption(fit, index))
+    tiles = [cv2.resize(picture, (TILE, TILE), interpolation=cv2.INTER_AREA) for picture in drawn]
     return np.concatenate([words, np.concatenate(tiles, 1)])
 
 
 def _tile_from_video(window: Window) -> Float[np.ndarray, "2 3"]:
     left, top, side = window
-    scale = TILE / side
+    scale = FINE / side
     return scale_and_shift(scale, (-left * scale, -top * scale))
 
 
 def _cut(source: Picture, window: Window) -> Picture:
-    """Cut a window to a tile; dark beyond the picture."""
+    """Cut a window to a fine tile; dark beyond the picture."""
     left, top, side = window
     height, width = source.shape[:2]
     cut = np.full((side, side, 3), BACKGROUND, np.uint8)
     x0, y0, x1, y1 = max(left, 0), max(top, 0), min(left + side, width), min(top + side, height)
     if x1 > x0 and y1 > y0:
         cut[y0 - top : y1 - top, x0 - left : x1 - left] = source[y0:y1, x0:x1]
-    kind = cv2.INTER_AREA if side > TILE else cv2.INTER_CUBIC
-    return np.asarray(cv2.resize(cut, (TILE, TILE), interpolation=kind))
+    kind = cv2.INTER_AREA if side > FINE else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(cut, (FINE, FINE), interpolation=kind))
 
 
 def _grid(cells: Sequence[Picture]) -> Picture:
