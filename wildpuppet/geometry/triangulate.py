@@ -33,10 +33,11 @@ def triangulate(
     Raises:
         ValueError: no ring encloses an area, or a coordinate is not finite.
     """
-    split = [_split_edges(_without_repeats(np.asarray(ring, np.float64)), edge) for ring in rings]
-    split = [ring for ring in split if len(ring) >= 3]
-    if not split or not all(np.isfinite(ring).all() for ring in split):
+    clean = [_without_repeats(np.asarray(ring, np.float64)) for ring in rings]
+    clean = [ring for ring in clean if len(ring) >= 3]
+    if not clean or not all(np.isfinite(ring).all() for ring in clean):
         raise ValueError("triangulate: expected at least one ring of three distinct finite points")
+    split = [_split_edges(ring, edge) for ring in clean]
     points = np.concatenate(split)
     mesh = _constrained(points, _ring_edges(split))
     outside = mesh.collect_outer_triangles_and_holes()

@@ -27,6 +27,8 @@ TOLERANCE_SHARE = 0.1
 """Corners of a mesh border lie within about this share of the target edge of the grown silhouette."""
 PART_EDGES = 2.5
 """A part is at least this many edges long, so that small parts get finer meshes."""
+SPECK_SHARE = 0.015
+"""An island smaller than the square on this share of the character's larger side may be a speck."""
 FRINGE = 3
 """Pixels around the kept islands whose alpha, however faint, stays in the texture."""
 
@@ -101,7 +103,7 @@ def part_silhouette(part: Part, side: float, settings: PuppetSettings) -> Silhou
         part.rgba[..., 3],
         least_alpha=settings.least_alpha,
         pinhole=edge**2,
-        speck=(0.25 * edge) ** 2,
+        speck=(SPECK_SHARE * side) ** 2,
         bridge=settings.bridge * side,
     )
     if found is None:

@@ -115,7 +115,7 @@ def _fence(rgb: UInt8[np.ndarray, "h w 3"], inside: Mask) -> Float[np.ndarray, "
 
 
 def _grabcut(rgb: UInt8[np.ndarray, "h w 3"], guess: UInt8[np.ndarray, "h w"], seed: int) -> Mask:
-    could_be = (guess == cv2.GC_FGD) | (guess == cv2.GC_PR_FGD)
+    could_be: Mask = (guess == cv2.GC_FGD) | (guess == cv2.GC_PR_FGD)
     if not could_be.any() or could_be.all():
         return could_be
     cv2.setRNGSeed(seed)  # GrabCut's first clusters are random

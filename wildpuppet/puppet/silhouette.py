@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 SPECK_SHARE = 0.02
-"""An island smaller than this share of the part's largest island is a speck."""
+"""A speck is also smaller than this share of the part's largest island."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +41,9 @@ def silhouette_of(
     covered = alpha >= least_alpha
     if not covered.any():
         return None
-    window = _bounds(covered)
-    drawn, num_specks = _drop_specks(covered[window], speck)
+    without_specks, num_specks = _drop_specks(covered, speck)
+    window = _bounds(without_specks)
+    drawn = without_specks[window]
     filled, num_holes = _fill_pinholes(drawn, pinhole)
     mask, num_islands, num_pieces = _bridge_islands(filled, bridge)
     origin = (window[1].start, window[0].start)
