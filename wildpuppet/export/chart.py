@@ -18,7 +18,7 @@ CONFIDENCE, LOSS = (86, 180, 233), (230, 159, 0)
 
 
 def draw_chart(fit: Fit, marked: Sequence[int], width: int) -> Picture:
-    """Draw confidence (0..1) and loss (0..its highest) of every frame over a band of states.
+    """Draw confidence (0..1) and loss (lowest to highest) of every frame over a band of states.
 
     ``marked`` frames (the sheet's cells) get a line and their number.
     """
@@ -35,10 +35,11 @@ def draw_chart(fit: Fit, marked: Sequence[int], width: int) -> Picture:
     name = loss_name(fit)
     if name is not None:
         loss = np.nan_to_num(fit.losses[name].astype(np.float64))
-        top = max(float(loss.max()), 1e-12)
-        _draw_curve(chart, columns, loss / top, LOSS, low, high)
-        write_text(chart, (LEFT + 240, 4), f"{name} loss 0..{top:.4g} (mean {loss.mean():.4g})", LOSS)
-    x = LEFT + 560
+        least, most = float(loss.min()), float(loss.max())
+        _draw_curve(chart, columns, (loss - least) / max(most - least, 1e-12), LOSS, low, high)
+        words = f"{name} loss {least:.4g}..{most:.4g} (mean {loss.mean():.4g})"
+        write_text(chart, (LEFT + 240, 4), words, LOSS)
+    x = LEFT + 620
     for state, colour in STATE_COLOURS.items():
         write_text(chart, (x, 4), f"{state} {fit.state.count(state)}", colour)
         x += 110
