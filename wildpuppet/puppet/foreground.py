@@ -22,6 +22,10 @@ TEXTURE = 2.0
 FENCED, OPEN = 0.3, 0.03
 """Pixels behind more, or less, than these shares of the 90th percentile of colour change start as character, or are
 surely background."""
+MATTE_BLUR = 1.5
+"""Standard deviation, in working pixels, over which the matte is averaged before it counts."""
+LIKELY, SURE = 0.2, 0.6
+"""From -1 (surely background) to 1: how far the averaged matte decides where GrabCut starts, and where it ends."""
 HOLE_SHARE = 0.02
 """A hole of less than this share of the silhouette's area is filled: an eye white, a light belly."""
 PIECE_SHARE = 0.05
@@ -91,11 +95,11 @@ def _first_guess(
     guess = np.where(fence > FENCED * high, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     guess[fence <= OPEN * high] = cv2.GC_BGD
     if matte is not None:
-        guess[matte >= 160] = cv2.GC_PR_FGD
-        guess[matte <= 96] = cv2.GC_PR_BGD
-        square = np.ones((5, 5), np.uint8)
-        guess[cv2.erode(matte, square) >= 240] = cv2.GC_FGD
-        guess[cv2.dilate(matte, square) <= 15] = cv2.GC_BGD
+        evidence = ndimage.gaussian_filter(matte.astype(np.float64) / 127.5 - 1.0, MATTE_BLUR)
+        guess[evidence >= LIKELY] = cv2.GC_PR_FGD
+        guess[evidence <= -LIKELY] = cv2.GC_PR_BGD
+        guess[evidence >= SURE] = cv2.GC_FGD
+        guess[evidence <= -SURE] = cv2.GC_BGD
     guess[~inside] = cv2.GC_BGD
     return guess
 
@@ -109,9 +113,10 @@ def _fence(rgb: UInt8[np.ndarray, "h w 3"], inside: Mask) -> Float[np.ndarray, "
     lab = cv2.bilateralFilter(lab, 5, 10.0, 3.0)
     across, down = (cv2.Sobel(lab, cv2.CV_32F, dx, dy, ksize=3, scale=0.25) for dx, dy in ((1, 0), (0, 1)))
     change = np.sqrt((across**2 + down**2).sum(axis=2))
-    paths = MCP_Geometric(0.1 + np.maximum(change - TEXTURE, 0.0))
-    fence: Float[np.ndarray, "h w"] = paths.find_costs(np.argwhere(~inside))[0]
-    return fence
+    rim = ndimage.binary_dilation(inside) & ~inside
+    costs = np.where(inside | rim, 0.1 + np.maximum(change - TEXTURE, 0.0), -1.0)  # negative: closed
+    fence: Float[np.ndarray, "h w"] = MCP_Geometric(costs).find_costs(np.argwhere(rim))[0]
+    return np.where(inside, fence, 0.0)
 
 
 def _grabcut(rgb: UInt8[np.ndarray, "h w 3"], guess: UInt8[np.ndarray, "h w"], seed: int) -> Mask:
