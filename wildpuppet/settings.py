@@ -96,7 +96,7 @@ class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Palette size of the part templates. Higher tells similar shades apart and costs time."""
     hinge_slack: Positive = 0.03
     """How far a hinge opens at the cost ``hinge``, as a share of the character's size; beyond, the cost is linear."""
-    hinge: NotNegative = 0.15
+    hinge: NotNegative = 0.05
     """Cost of a hinge that opens by its slack, in units of an average part's evidence. Higher holds limbs tighter."""
     hinge_reach: Share = 0.12
     """Farthest opening of a hinge, as a share of the character's size."""

@@ -18,15 +18,27 @@ OUTSIDE = 4.0
 """Cost of a joint that leaves the search window."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Springs:
-    """Costs of bending the tree. Distances in search pixels, angles in radians."""
+    """Costs of bending the tree: of a gap of 0, 1, 2 ... search pixels along an axis, and of a turn per radian^2.
 
-    hinge: float
-    loose: float
+    Gaps cost their square near 0 and grow linearly from there: joints drawn by hand or guessed from an overlap are
+    rarely the true hinge, and a quadratic spring would rather lose a limb than open one.
+    """
+
+    hinge: Float[np.ndarray, "R"]
+    loose: Float[np.ndarray, "R"]
     turn: float
-    loose_turn: float
-    radius: int
+
+    def pull(self, is_hinge: bool) -> Float[np.ndarray, "R"]:
+        """Choose the table of a hinge or of a loose link."""
+        return self.hinge if is_hinge else self.loose
+
+
+def pull_table(slack: float, cost: float, reach: int) -> Float[np.ndarray, "R"]:
+    """Tabulate Huber's function: ``cost`` at a gap of ``slack`` pixels, linear beyond."""
+    gap = np.arange(reach + 1) / slack
+    return (cost * np.where(gap < 1, gap**2, 2 * gap - 1)).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +85,8 @@ def solve(
     for edge in reversed(tree.edges):
         to_joint = -joint_offsets(images[edge.child], templates, edge.at)
         message = kernels.shift_each(accumulated[edge.child], to_joint, OUTSIDE)
-        message = kernels.spring_transform(message, springs.hinge if edge.is_hinge else springs.loose, springs.radius)
-        weight = springs.turn if edge.is_hinge else springs.loose_turn
-        message = kernels.turn_transform(message, turn_costs(templates.radians, weight))
+        message = kernels.spring_transform(message, springs.pull(edge.is_hinge))
+        message = kernels.turn_transform(message, turn_costs(templates.radians, springs.turn))
         from_pivot = joint_offsets(images[edge.parent], templates, edge.at)
         accumulated[edge.parent] += kernels.shift_each(message, from_pivot, OUTSIDE)
     links = {edge.child: edge for edge in tree.edges}
@@ -107,11 +118,10 @@ def child_modes(solution: Solution, child: int, parent_state: State, num: int) -
     arm = joint_offsets(solution.images[edge.parent], templates, edge.at)[parent_state[0]]
     joint = np.array(parent_state[1:]) + arm
     pivots = joint - joint_offsets(solution.images[child], templates, edge.at)
-    weight = springs.turn if edge.is_hinge else springs.loose_turn
-    turn = turn_costs(templates.radians, weight)[(np.arange(num_angles) - parent_state[0]) % num_angles]
-    span = np.arange(-springs.radius, springs.radius + 1)
-    stiffness = springs.hinge if edge.is_hinge else springs.loose
-    pull = stiffness * (span[:, None] ** 2 + span[None] ** 2)
+    turn = turn_costs(templates.radians, springs.turn)[(np.arange(num_angles) - parent_state[0]) % num_angles]
+    table = springs.pull(edge.is_hinge)
+    span = np.arange(1 - len(table), len(table))
+    pull = table[np.abs(span)][:, None] + table[np.abs(span)]
     rows, columns = pivots[:, 1, None] + span, pivots[:, 0, None] + span
     inside = ((rows >= 0) & (rows < height))[:, :, None] & ((columns >= 0) & (columns < width))[:, None]
     window = costs[

@@ -6,8 +6,9 @@ pixel costs
     a * (disagreement(I, C) + BEHIND * (1 - m)) + (1 - a) * UNEXPLAINED * m
 
 so that claiming a foreground pixel with the wrong colour costs as much as leaving it unexplained, claiming background
-costs extra, and two parts gain nothing by claiming the same pixel. Disagreement is 1 - exp(-d^2 / 2 sigma^2) with d
-the Lab distance: bounded, so that a face that changes does not drag the body along.
+costs extra, and two parts gain nothing by claiming the same pixel. Disagreement grows about linearly with the Lab distance,
+so that the shade by which a far leg differs from the near one counts, and is bounded by 1, so that a face that changes
+does not drag the body along.
 """
 
 from dataclasses import dataclass
@@ -23,8 +24,10 @@ from wildpuppet.render.texture import Texture
 
 UNEXPLAINED = 1.0
 BEHIND = 1.0
-SIGMA = 18.0
-"""Lab distance at which a pixel is about 40 % wrong; a visible but plausible shade."""
+SIGMA = 15.0
+"""Lab distance at which a pixel is about 60 % wrong."""
+SMOOTH = 4.0
+"""Lab distance below which disagreement is quadratic: noise and resampling."""
 LAB_UNIT = 100.0
 
 
@@ -44,12 +47,16 @@ def evidence_of(image: UInt8[np.ndarray, "H W 4"], scale: float) -> Evidence:
     return Evidence(lab(small[..., :3]), small[..., 3])
 
 
+def disagreement(squared: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """Turn squared Lab distances into 0..1: nearly linear from small shades on, bounded by 1."""
+    return 1 - np.exp(-(np.sqrt(squared + SMOOTH**2) - SMOOTH) / SIGMA)
+
+
 def disagreement_maps(
     evidence: Evidence, palette: Float[np.ndarray, "C 3"], reach: int
 ) -> Float[np.ndarray, "C Hp Wp"]:
     """Cost of claiming each pixel for each palette colour, relative to leaving it, padded by ``reach``."""
-    squared = ((evidence.lab[None] - palette[:, None, None]) ** 2).sum(-1)
-    wrong = 1 - np.exp(-squared / (2 * SIGMA**2))
+    wrong = disagreement(((evidence.lab[None] - palette[:, None, None]) ** 2).sum(-1))
     gain = wrong + BEHIND * (1 - evidence.matte) - UNEXPLAINED * evidence.matte
     padded = np.pad(gain, ((0, 0), (reach, reach), (reach, reach)), constant_values=BEHIND)
     return np.ascontiguousarray(padded, np.float32)
@@ -82,7 +89,6 @@ def unexplained_cost(
         ).rgba.numpy()
     alpha = picture[..., 3]
     colour = picture[..., :3] * (LAB_UNIT / alpha[..., None].clip(1e-3))
-    squared = ((colour - evidence.lab) ** 2).sum(-1)
-    claimed = 1 - np.exp(-squared / (2 * SIGMA**2)) + BEHIND * (1 - evidence.matte)
+    claimed = disagreement(((colour - evidence.lab) ** 2).sum(-1)) + BEHIND * (1 - evidence.matte)
     cost: Float[np.ndarray, "B"] = (alpha * claimed + (1 - alpha) * UNEXPLAINED * evidence.matte).sum((1, 2))
     return cost

@@ -33,10 +33,11 @@ def template_costs(
 
 @njit(parallel=True, cache=True, fastmath=True)
 def spring_transform(
-    costs: Float[np.ndarray, "K H W"], stiffness: float, radius: int
+    costs: Float[np.ndarray, "K H W"], pull: Float[np.ndarray, "R"]
 ) -> Float[np.ndarray, "K H W"]:
-    """Take, at every position, the least of cost + stiffness * squared distance, within ``radius`` pixels."""
+    """Take, at every position, the least of cost + pull[|dx|] + pull[|dy|], within the table's reach."""
     num_angles, height, width = costs.shape
+    radius = len(pull) - 1
     along = np.empty_like(costs)
     result = np.empty_like(costs)
     for angle in prange(num_angles):
@@ -44,7 +45,7 @@ def spring_transform(
             for x in range(width):
                 along[angle, y, x] = costs[angle, y, x]
             for step in range(1, radius + 1):
-                extra = np.float32(stiffness * step * step)
+                extra = pull[step]
                 for x in range(width - step):
                     along[angle, y, x] = min(along[angle, y, x], costs[angle, y, x + step] + extra)
                 for x in range(step, width):
@@ -53,7 +54,7 @@ def spring_transform(
             for x in range(width):
                 result[angle, y, x] = along[angle, y, x]
             for step in range(1, radius + 1):
-                extra = np.float32(stiffness * step * step)
+                extra = pull[step]
                 if y + step < height:
                     for x in range(width):
                         result[angle, y, x] = min(result[angle, y, x], along[angle, y + step, x] + extra)

@@ -68,11 +68,11 @@ def spring_cost(solution: Solution, states: tuple[State, ...]) -> float:
         parent, child = states[edge.parent], states[edge.child]
         a = np.array(parent[1:]) + joint_offsets(solution.images[edge.parent], templates, edge.at)[parent[0]]
         b = np.array(child[1:]) + joint_offsets(solution.images[edge.child], templates, edge.at)[child[0]]
-        stiffness, weight = (
-            (springs.hinge, springs.turn) if edge.is_hinge else (springs.loose, springs.loose_turn)
-        )
-        turn = turn_costs(templates.radians, weight)[(child[0] - parent[0]) % num_angles]
-        total += stiffness * float(((a - b) ** 2).sum()) + float(turn)
+        turn = turn_costs(templates.radians, springs.turn)[(child[0] - parent[0]) % num_angles]
+        table = springs.pull(edge.is_hinge)
+        gap = np.abs(a - b)
+        beyond = np.maximum(gap - len(table) + 1, 0)
+        total += float((table[gap - beyond] + beyond * (table[-1] - table[-2])).sum()) + float(turn)
     return total
 
 

@@ -14,7 +14,7 @@ from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
 from wildpuppet.pose import evidence as ev
 from wildpuppet.pose import kernels
-from wildpuppet.pose.dynamic import Solution, Springs, State, solve
+from wildpuppet.pose.dynamic import Springs, State, pull_table, solve
 from wildpuppet.pose.moves import Candidate, best_candidates, spring_cost, twin_limbs
 from wildpuppet.pose.place import pose_vertices, rest_box
 from wildpuppet.pose.templates import PartImage, Templates, make_templates, palette_of, part_images
@@ -158,11 +158,11 @@ def _search_one(
 
 
 def _springs(settings: SearchSettings) -> Springs:
-    unit = 1.0 / (settings.hinge_slack * settings.box_pixels) ** 2
+    slack = settings.hinge_slack * settings.box_pixels
+    reach = max(3, round(settings.hinge_reach * settings.box_pixels))
     return Springs(
-        hinge=unit, loose=unit / 9, turn=settings.turn, loose_turn=settings.turn,
-        radius=max(2, round(3.0 * settings.hinge_slack * settings.box_pixels)),
-    )  # fmt: skip
+        pull_table(slack, settings.hinge, reach), pull_table(2 * slack, settings.hinge, reach), settings.turn
+    )
 
 
 def _maps_of(searcher: Searcher, templates: Templates, states: tuple[State, ...]) -> Float[np.ndarray, "L 2 3"]:
