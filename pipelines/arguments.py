@@ -31,8 +31,8 @@ def parse(kind: type[T], argv: Sequence[str], program: str, default: T | None = 
 
 
 def one_line(box: str, program: str) -> str:
-    """Flatten tyro's box: its first sentence, and the flags that it suggests."""
-    rows = [re.sub(r"[╭╮╰╯│─]", " ", row).strip() for row in box.splitlines()[1:]]
+    """Flatten tyro's box (drawn in lines, or bare where the terminal has none) to its first sentence and flags."""
+    rows = [re.sub(r"[╭╮╰╯│─]|-{3,}", " ", row).strip() for row in box.splitlines()[1:]]
     rows = [row for row in rows if row and not row.startswith("For full helptext")]
     if not rows:
         return f"{program}: cannot understand these arguments; see {program} --help"

@@ -78,7 +78,7 @@ VALUES: dict[str, Any] = {
     "puppet of no frame": a_puppet(None),
     "cutout": a_cutout(),
     "poses": Poses(floats(T, L, 2, 3), np.tile(np.arange(L), (T, 1)), floats(T), floats(T)),
-    "hypotheses": Hypotheses(floats(T, N, L, 2, 3), np.tile(np.arange(L), (T, N, 1)), np.array([[0, 1, 2, np.inf]] * T)),
+    "hypotheses": Hypotheses(floats(T, N, L, 2, 3), np.zeros((T, N, L), int), np.array([[0, 1, 2, np.inf]] * T)),
     "fit": Fit(
         np.arange(T),
         floats(T, V, 2).astype(np.float32),

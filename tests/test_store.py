@@ -158,9 +158,14 @@ def test_prune_keeps_what_runs_use(tmp_path: Path) -> None:
 
 def test_checkpoint_outlives_a_failure_and_goes_with_the_result(tmp_path: Path) -> None:
     store = Store(tmp_path / "store")
-    with pytest.raises(KeyboardInterrupt), store.working(QUESTION) as working:
-        (working / "checkpoint").write_text("step 100")
-        raise KeyboardInterrupt
+
+    def stopped() -> None:
+        with store.working(QUESTION) as working:
+            (working / "checkpoint").write_text("step 100")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped()
     with store.working(QUESTION) as working:
         assert (working / "checkpoint").read_text() == "step 100"
     store.publish(QUESTION, writer("done"))

@@ -6,7 +6,7 @@ A stage named "search.part" makes one piece of "search", which joins them.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -168,9 +168,14 @@ def _train(
     machine: Machine,
     checkpoint: Path,
 ) -> Fit:
-    from wildpuppet.deform.train import train
+    """Train on ``frames`` alone, then read every frame with what was learnt."""
+    from wildpuppet.deform.learn import learn
+    from wildpuppet.deform.train import fit_of
 
-    return train(puppet, crops, poses, train_settings, fit_settings, machine, checkpoint)
+    state = tuple(crops.state[index] if index in set(frames) else "lost" for index in range(len(crops.frames)))
+    seen = replace(crops, state=state)
+    trained = learn(puppet, seen, poses, train_settings, fit_settings, machine, checkpoint)
+    return fit_of(puppet, crops, poses, trained, train_settings, fit_settings, machine)
 
 
 def _meshes(

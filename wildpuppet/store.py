@@ -300,7 +300,7 @@ def why(asked: Question, last: Question | None) -> str:
     changes = [f"version {last.version} -> {asked.version}"] if last.version != asked.version else []
     before, now = dict(_flat("settings", last.settings)), dict(_flat("settings", asked.settings))
     for name in sorted(before.keys() | now.keys()):
-        if before.get(name) != now.get(name):
+        if canonical(before.get(name)) != canonical(now.get(name)):
             changes.append(f"{name} {_short(before.get(name))} -> {_short(now.get(name))}")
     changed = [name for name in asked.inputs if canonical(asked.inputs[name]) != canonical(last.inputs.get(name))]
     changes += [f"{name} changed" for name in changed]
@@ -316,4 +316,4 @@ def _flat(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _short(value: Any) -> str:
-    return "none" if value is None else str(value)
+    return "none" if value is None else canonical(value).strip('"')
