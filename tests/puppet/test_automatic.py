@@ -112,8 +112,15 @@ def test_parts_show_the_frame_and_overlap_by_a_disc_at_each_joint(person):
         disc = np.hypot(np.arange(400) - x, np.arange(360)[:, None] - y) <= 8.0
         for name in joint.parts:
             assert (parts[name][..., 3][disc] == 255).all()
-    leg = parts["leg_left"]
-    np.testing.assert_array_equal(leg[leg[..., 3] > 0][:, :3], rgb[leg[..., 3] > 0])
+    shown = np.zeros_like(rgb)
+    for part in cutout.parts:  # back to front: at rest the puppet is the frame
+        shown[part.rgba[..., 3] == 255] = part.rgba[part.rgba[..., 3] == 255, :3]
+    inside = cv2.erode(union(cutout).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    np.testing.assert_array_equal(shown[inside], rgb[inside])
+    body = parts["body"]
+    shoulder = body[118:126, 170:178]
+    assert (shoulder[..., 3] == 255).all()
+    assert np.abs(shoulder[..., :3].astype(int) - SHIRT).max() <= 40  # its own colour, not the arm's
 
 
 def test_a_matte_that_knows_nothing_changes_nothing_and_the_answer_repeats(person):

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
 from wildpuppet.errors import InputError
+from wildpuppet.puppet.complete import complete_colour
 from wildpuppet.puppet.foreground import silhouette_in
 from wildpuppet.puppet.limbs import find_cuts, label_nodes, label_pixels
 from wildpuppet.puppet.naming import part_names
@@ -25,6 +26,9 @@ OVERLAP = 1.3
 """Radius of the disc that both parts cover at a cut, in radii of the silhouette there."""
 SEAM_PIXELS = 3.0
 """Frame pixels by which parts overlap along the rest of their common border."""
+
+INSET = 2
+"""Pixels at a part's visible edge that lend no colour to what is hidden: they are mixed with what lies beside."""
 
 Place = tuple[float, float]
 Mask = Bool[np.ndarray, "H W"]
@@ -50,11 +54,12 @@ def automatic(
         raise InputError(f"box {x:g},{y:g},{w:g},{h:g}: less than 4 pixels of it lie in the {width} x {height} frame")
     alpha = silhouette_in(rgb, matte, box, settings.seed)
     labels, skeleton, cuts, to_frame = _limbs(alpha, settings)
-    masks = _part_masks(labels, skeleton, cuts, to_frame, alpha)
+    owners = _owners(labels, to_frame, alpha)
+    masks = _part_masks(owners, skeleton, cuts, to_frame)
     owner = label_nodes(skeleton, cuts)
     parents = [int(owner[skeleton.parent[node]]) for node in cuts]
     names = part_names(skeleton, cuts, parents)
-    parts = tuple(Part(name, _cut_out(rgb, alpha, mask)) for name, mask in zip(names, masks, strict=True))
+    parts = tuple(Part(name, _cut_out(rgb, alpha, masks[part], owners > part)) for part, name in enumerate(names))
     joints = tuple(
         JointSpec((names[parents[index]], names[index + 1]), _to_frame(skeleton.points[node], to_frame))
         for index, node in enumerate(cuts)
@@ -86,29 +91,32 @@ def _to_frame(point: Float[np.ndarray, "2"], to_frame: tuple[float, float, float
     return float(point[0] * scale + left), float(point[1] * scale + top)
 
 
-def _part_masks(
-    labels: Int[np.ndarray, "h w"],
-    skeleton: Skeleton,
-    cuts: list[int],
-    to_frame: tuple[float, float, float],
-    alpha: UInt8[np.ndarray, "H W"],
-) -> list[Mask]:
-    """Enlarge the labels to the frame and let neighbours overlap: a little everywhere, a whole disc at the joints."""
+def _owners(
+    labels: Int[np.ndarray, "h w"], to_frame: tuple[float, float, float], alpha: UInt8[np.ndarray, "H W"]
+) -> Int[np.ndarray, "H W"]:
+    """Enlarge the labels to the frame: the part of every pixel of the silhouette, -1 elsewhere."""
     scale, left, top = to_frame
     height, width = alpha.shape
     _, (rows, columns) = ndimage.distance_transform_edt(labels < 0, return_indices=True)
     spread = labels[rows, columns]
     across = np.clip((np.arange(width) + 0.5 - left) / scale, 0, labels.shape[1] - 1).astype(int)
     down = np.clip((np.arange(height) + 0.5 - top) / scale, 0, labels.shape[0] - 1).astype(int)
-    whole = np.where(alpha > 0, spread[down[:, None], across[None]], -1)
-    masks: list[Mask] = [_near(whole == part, SEAM_PIXELS) & (alpha > 0) for part in range(len(cuts) + 1)]
-    owner = label_nodes(skeleton, cuts)
+    return np.where(alpha > 0, spread[down[:, None], across[None]], -1)
+
+
+def _part_masks(
+    owners: Int[np.ndarray, "H W"], skeleton: Skeleton, cuts: list[int], to_frame: tuple[float, float, float]
+) -> list[Mask]:
+    """Let neighbours overlap: a little everywhere, a whole disc at the joints."""
+    height, width = owners.shape
+    masks: list[Mask] = [_near(owners == part, SEAM_PIXELS) & (owners >= 0) for part in range(len(cuts) + 1)]
+    begun_at = label_nodes(skeleton, cuts)
     for index, node in enumerate(cuts):
         x, y = _to_frame(skeleton.points[node], to_frame)
-        reach = OVERLAP * skeleton.radius[node] * scale + SEAM_PIXELS
+        reach = OVERLAP * skeleton.radius[node] * to_frame[0] + SEAM_PIXELS
         disc = np.hypot(np.arange(width) + 0.5 - x, (np.arange(height) + 0.5 - y)[:, None]) <= reach
-        for part in (index + 1, int(owner[skeleton.parent[node]])):
-            masks[part] |= disc & (alpha > 0)
+        for part in (index + 1, int(begun_at[skeleton.parent[node]])):
+            masks[part] |= disc & (owners >= 0)
     return masks
 
 
@@ -118,6 +126,11 @@ def _near(mask: Mask, pixels: float) -> Mask:
 
 
 def _cut_out(
-    rgb: UInt8[np.ndarray, "H W 3"], alpha: UInt8[np.ndarray, "H W"], mask: Mask
+    rgb: UInt8[np.ndarray, "H W 3"], alpha: UInt8[np.ndarray, "H W"], mask: Mask, is_hidden: Mask
 ) -> UInt8[np.ndarray, "H W 4"]:
-    return np.dstack([rgb, np.where(mask, alpha, 0)]).astype(np.uint8)
+    """Cut a part out of the frame; what parts in front of it hide gets the colours around, not a picture of them."""
+    trust = np.where(is_hidden, 0.0, 1.0)
+    has_own = bool((mask & ~is_hidden).any())
+    trust[~mask] = 0.0
+    color = complete_colour(rgb, trust, mask, inset=INSET) if has_own else rgb
+    return np.dstack([color, np.where(mask, alpha, 0)]).astype(np.uint8)
