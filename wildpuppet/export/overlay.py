@@ -13,7 +13,8 @@ from wildpuppet.render.render import mesh_of, render, texture_at
 from wildpuppet.render.texture import border_edges
 from wildpuppet.types import Puppet
 
-Picture = UInt8[np.ndarray, "H W 3"]
+Picture = UInt8[np.ndarray, "_ _ 3"]
+"""RGB of any size: functions here cut, shrink and join pictures."""
 
 SUBPIXEL_BITS = 4
 INNER_SHARE = 0.4
