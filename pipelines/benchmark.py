@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float, UInt8
 
 from wildpuppet.render.render import Backend, Mesh, Texture, mesh_of, render, texture_at
+from wildpuppet.render.threads import use_threads
 from wildpuppet.types import Puppet
 
 NUM_PARTS = 12
@@ -71,8 +72,14 @@ def measure_renderer(
     backends: tuple[Backend, ...] = ("cpu", "reference"),
     num_frames: int = 8,
     seconds: float = 2.0,
+    num_threads: int = 1,
 ) -> list[RendererRow]:
-    """Time the renderer on twelve parts, each row for about ``seconds``; every frame has its own vertices and order."""
+    """Time the renderer on twelve parts, each row for about ``seconds``; every frame has its own vertices and order.
+
+    torch and the kernels both use ``num_threads`` from here on in this process.
+    """
+    torch.set_num_threads(num_threads)
+    use_threads(num_threads)
     puppet = benchmark_puppet()
     mesh, rng = mesh_of(puppet), np.random.default_rng(1)
     order = torch.from_numpy(np.stack([rng.permutation(NUM_PARTS) for _ in range(num_frames)]))

@@ -82,6 +82,18 @@ def test_drawing_a_level_matches_opencv_shrinking_the_picture() -> None:
     np.testing.assert_allclose(drawn, cv2.resize(straight, (85, 45), interpolation=cv2.INTER_AREA), atol=1e-4)
 
 
+@pytest.mark.parametrize("scale", [0.5, 0.3, 0.15])
+def test_coarse_levels_keep_a_parts_width(scale: float) -> None:
+    """At 0.15 a screen pixel is wider than the margin; the disc must not shrink by it, wherever it falls on pixels."""
+    puppet = disc_puppet()
+    texture, mesh = texture_at(puppet, scale), mesh_of(puppet)
+    shifts = torch.rand(16, 1, 2, generator=torch.Generator().manual_seed(0)) + 2
+    vertices = torch.tensor(puppet.vertices * scale, dtype=torch.float32) + shifts
+    drawn = render(vertices, mesh, texture, torch.tensor([[0, 1]]).expand(16, 2), (90, 50)).rgba[..., 3].sum((1, 2))
+    area = puppet.atlas[..., 3].sum() / 255.0 * scale**2
+    assert abs(float(drawn.mean()) / area - 1.0) < 0.03
+
+
 def test_scale_must_be_positive() -> None:
     with pytest.raises(ValueError, match="positive"):
         texture_at(disc_puppet(), 0.0)

@@ -10,8 +10,10 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Float32, Int
+from scipy import sparse
 from torch import Tensor
 
+from wildpuppet.settings import PuppetSettings
 from wildpuppet.types import Puppet
 
 
@@ -22,39 +24,54 @@ class Texture(NamedTuple):
     uv: Float[Tensor, "V 2"]
 
 
-def texture_at(puppet: Puppet, scale: float) -> Texture:
-    """Resample the atlas by area to ``scale`` screen pixels per canvas pixel, alpha 0 at and outside mesh borders.
+def texture_at(puppet: Puppet, scale: float, margin: float = PuppetSettings().margin) -> Texture:
+    """Average the atlas to ``scale`` screen pixels per canvas pixel, with alpha 0 at and outside mesh borders.
 
-    Texels are never smaller than the atlas's own (a scale above 1 gives the atlas itself). Raises ValueError for a
-    scale that is not positive.
+    ``margin`` is how far the mesh reaches beyond the drawing, in canvas pixels. Where a screen pixel is wider than
+    half of it, texels stay at half the margin and the average covers at most the margin, so that thin parts keep
+    their width at coarse levels: a level of whole screen pixels would have to be cut back by up to one. Texels are
+    never smaller than the atlas's own (a scale above 1 gives the atlas itself).
+    Raises ValueError for a scale or margin that is not positive.
     """
-    if not scale > 0:
-        raise ValueError(f"scale must be positive, not {scale}")
-    scale = min(scale, 1.0)
+    if not (scale > 0 and margin > 0):
+        raise ValueError(f"scale and margin must be positive, not {scale} and {margin}")
+    texel = max(1.0, min(1.0 / scale, margin / 2.0))
+    width = max(1.0, min(1.0 / scale, margin))
     straight = puppet.atlas.astype(np.float32) / 255.0
     rgba = straight.copy()
     rgba[..., :3] *= straight[..., 3:]
-    level = resample(rgba, scale)
-    uv = puppet.uv.astype(np.float64) * scale
+    level = resample(rgba, 1.0 / texel, width)
+    uv = puppet.uv.astype(np.float64) / texel
     level *= inside_by_a_texel(uv, puppet.triangles, level.shape[:2])[..., None]
     return Texture(torch.from_numpy(level), torch.from_numpy(uv.astype(np.float32)))
 
 
-def resample(image: Float32[np.ndarray, "H W C"], scale: float) -> Float32[np.ndarray, "h w C"]:
-    """Average exactly over the area of each new pixel; beyond the image counts as 0. At least 2 by 2 pixels."""
-    rows, columns = _area_weights(image.shape[0], scale), _area_weights(image.shape[1], scale)
-    by_rows = np.tensordot(rows, image, (1, 0))
-    return np.ascontiguousarray(np.moveaxis(np.tensordot(columns, by_rows, (1, 1)), 0, 1))
+def resample(
+    image: Float32[np.ndarray, "H W C"], scale: float, width: float | None = None
+) -> Float32[np.ndarray, "h w C"]:
+    """Average exactly over squares around each new pixel's centre; beyond the image counts as 0.
+
+    ``width`` is the squares' side in old pixels, by default a new pixel's. The result has at least 2 by 2 pixels.
+    """
+    width = 1.0 / scale if width is None else width
+    rows, columns = (_area_weights(count, scale, width) for count in image.shape[:2])
+    by_rows = (rows @ image.reshape(len(image), -1)).reshape(rows.shape[0], *image.shape[1:])
+    by_columns = columns @ by_rows.transpose(1, 0, 2).reshape(image.shape[1], -1)
+    level = by_columns.reshape(columns.shape[0], rows.shape[0], -1).transpose(1, 0, 2)
+    return np.ascontiguousarray(level, np.float32)
 
 
-def _area_weights(count: int, scale: float) -> Float32[np.ndarray, "new old"]:
-    """Share of each old pixel in each new one."""
+def _area_weights(count: int, scale: float, width: float) -> sparse.csr_array:
+    """Share of each old pixel in each new one, (new, old)."""
     new_count = max(2, int(np.ceil(count * scale - 1e-9)))
-    edges = np.arange(new_count + 1) / scale
-    starts = np.arange(count)
-    overlap = np.minimum(edges[1:, None], starts + 1) - np.maximum(edges[:-1, None], starts)
-    weights: Float32[np.ndarray, "new old"] = (np.maximum(overlap, 0.0) * scale).astype(np.float32)
-    return weights
+    centres = (np.arange(new_count) + 0.5) / scale
+    reach = np.arange(int(np.ceil(width)) + 1)
+    old = np.floor(centres - width / 2).astype(int)[:, None] + reach
+    overlap = np.minimum(centres[:, None] + width / 2, old + 1) - np.maximum(centres[:, None] - width / 2, old)
+    keep = (old >= 0) & (old < count) & (overlap > 0)
+    new = np.broadcast_to(np.arange(new_count)[:, None], old.shape)
+    values = (overlap[keep] / width).astype(np.float32)
+    return sparse.csr_array((values, (new[keep], old[keep])), (new_count, count))
 
 
 def inside_by_a_texel(
