@@ -15,7 +15,7 @@ from wildpuppet.geometry.topology import signed_areas
 
 Ring = Float[np.ndarray, "n 2"]
 
-SHORTEST_EDGE_SHARE = 0.15
+SHORTEST_EDGE_SHARE = 0.1
 """Refinement makes no edge shorter than this share of the target: it stops at corners too sharp for the angle."""
 MOST_VERTICES = 200_000
 

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
 from wildpuppet.errors import InputError
-from wildpuppet.puppet.complete import complete_colour
+from wildpuppet.puppet.complete import complete_colour, grow
 from wildpuppet.puppet.foreground import silhouette_in
 from wildpuppet.puppet.limbs import find_cuts, label_nodes, label_pixels
 from wildpuppet.puppet.naming import part_names
@@ -24,7 +24,7 @@ WORKING_PIXELS = 256
 """Larger side of the silhouette when it is cut into limbs."""
 OVERLAP = 1.3
 """Radius of the disc that both parts cover at a cut, in radii of the silhouette there."""
-SEAM_PIXELS = 3.0
+SEAM_PIXELS = 3
 """Frame pixels by which parts overlap along the rest of their common border."""
 
 INSET = 2
@@ -109,7 +109,7 @@ def _part_masks(
 ) -> list[Mask]:
     """Let neighbours overlap: a little everywhere, a whole disc at the joints."""
     height, width = owners.shape
-    masks: list[Mask] = [_near(owners == part, SEAM_PIXELS) & (owners >= 0) for part in range(len(cuts) + 1)]
+    masks: list[Mask] = [grow(owners == part, SEAM_PIXELS) & (owners >= 0) for part in range(len(cuts) + 1)]
     begun_at = label_nodes(skeleton, cuts)
     for index, node in enumerate(cuts):
         x, y = _to_frame(skeleton.points[node], to_frame)
@@ -118,11 +118,6 @@ def _part_masks(
         for part in (index + 1, int(begun_at[skeleton.parent[node]])):
             masks[part] |= disc & (owners >= 0)
     return masks
-
-
-def _near(mask: Mask, pixels: float) -> Mask:
-    near: Mask = ndimage.distance_transform_edt(~mask) <= pixels if mask.any() else mask
-    return near
 
 
 def _cut_out(

@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from wildpuppet.geometry.topology import smallest_angles
 from wildpuppet.puppet.build import build, part_silhouette, rest_side
+from wildpuppet.puppet.complete import grow
 from wildpuppet.puppet.joints import joint_positions, nearest_middle
 from wildpuppet.settings import PuppetSettings
 from wildpuppet.types import CutOut, JointSpec, Part, Puppet
@@ -22,7 +23,7 @@ TINY_SHARE = 0.0003
 """A part with less than this share of the area of the square on the character's larger side is tiny."""
 THIN_SHARE = 0.012
 """A part nowhere wider than this share of the character's larger side is a sliver."""
-TOUCH_PIXELS = 2.0
+TOUCH_PIXELS = 2
 """Parts at most this far apart touch."""
 POOR_ANGLE = 10.0
 """Mesh angles below this many degrees make the fit stiff there."""
@@ -76,7 +77,7 @@ def _touch_findings(masks: Masks) -> list[str]:
     if len(masks) < 2:
         return []
     alone = set(masks)
-    grown = {name: _grow(mask, TOUCH_PIXELS) for name, mask in masks.items()}
+    grown = {name: grow(mask, TOUCH_PIXELS) for name, mask in masks.items()}
     for a, b in combinations(masks, 2):
         if (a in alone or b in alone) and (grown[a] & masks[b]).any():
             alone -= {a, b}
@@ -145,8 +146,3 @@ def _mesh_findings(puppet: Puppet) -> list[str]:
         for name, count in zip(puppet.names, poor, strict=True)
         if count
     ]
-
-
-def _grow(mask: Bool[np.ndarray, "H W"], pixels: float) -> Bool[np.ndarray, "H W"]:
-    near: Bool[np.ndarray, "H W"] = ndimage.distance_transform_edt(~mask) <= pixels
-    return near
