@@ -99,7 +99,7 @@ def _first_guess(
         guess[evidence >= LIKELY] = cv2.GC_PR_FGD
         guess[evidence <= -LIKELY] = cv2.GC_PR_BGD
         guess[evidence >= SURE] = cv2.GC_FGD
-        guess[evidence <= -SURE] = cv2.GC_BGD
+        guess[(evidence <= -SURE) & (fence <= FENCED * high)] = cv2.GC_BGD
     guess[~inside] = cv2.GC_BGD
     return guess
 
