@@ -15,7 +15,7 @@ def square() -> tuple[Tensor, Mesh]:
 
 def flat_texture(vertices: Tensor, rgba: tuple[float, float, float, float]) -> Texture:
     """Return one colour everywhere (premultiplied)."""
-    return Texture(torch.tensor(rgba).expand(8, 8, 4).contiguous(), vertices[0].clone())
+    return Texture(torch.tensor(rgba, dtype=torch.float32).expand(8, 8, 4).contiguous(), vertices[0].clone())
 
 
 def soft_texture(pixels: int, uv: Tensor, generator: torch.Generator) -> Texture:

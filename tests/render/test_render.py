@@ -125,8 +125,10 @@ def test_empty_batch_and_wrong_arguments(backend: Backend) -> None:
         render(vertices * float("nan"), mesh, texture, ORDER, (9, 8), backend=backend)
     with pytest.raises(ValueError, match="permutation"):
         render(vertices, mesh, texture, ORDER + 1, (9, 8), backend=backend)
-    with pytest.raises(ValueError, match="opacity"):
+    with pytest.raises((ValueError, TypeError), match="opacity"):
         render(vertices, mesh, texture, ORDER, (9, 8), torch.ones(1, 2), backend)
+    with pytest.raises(ValueError, match="triangles"):
+        render(vertices, mesh._replace(triangles=mesh.triangles + 1), texture, ORDER, (9, 8), backend=backend)
     with pytest.raises(ValueError, match="vertices"):
         render(vertices[:, :3], mesh, texture, ORDER, (9, 8), backend=backend)
 
@@ -198,3 +200,12 @@ def test_moving_a_part_changes_its_mask_by_what_crosses_the_edge() -> None:
     torch.testing.assert_close(gradient.sum(1), torch.zeros(1, 2), atol=0.02 * float(area) ** 0.5, rtol=0)
     centred = vertices.detach() - vertices.detach().mean(1, keepdim=True)
     torch.testing.assert_close((gradient * centred).sum(), 2 * area, rtol=0.02, atol=0)
+
+
+def test_fast_path_refuses_what_it_cannot_draw() -> None:
+    vertices, mesh = square()
+    texture = flat_texture(vertices, (0, 0, 0, 1))
+    with pytest.raises(ValueError, match="float32"):
+        render(vertices.double(), mesh, texture, ORDER, (9, 8), backend="cpu")
+    drawn = render(vertices.double(), mesh, texture, ORDER, (9, 8)).rgba
+    assert drawn.dtype == torch.float64

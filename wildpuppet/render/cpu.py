@@ -38,8 +38,8 @@ def scene_of(mesh: Mesh, uv: Tensor, order: Tensor, size: tuple[int, int]) -> Sc
     return Scene(triangles, original, starts, coordinates, np.ascontiguousarray(order.numpy(), np.int64), size)
 
 
-def _array(tensor: Tensor) -> Float32[np.ndarray, "*shape"]:
-    array: Float32[np.ndarray, "*shape"] = tensor.detach().contiguous().numpy()
+def _array(tensor: Tensor) -> Float32[np.ndarray, "*_"]:
+    array: Float32[np.ndarray, "*_"] = tensor.detach().contiguous().numpy()
     return array
 
 

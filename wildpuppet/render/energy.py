@@ -35,23 +35,24 @@ def pixel_energy(
     expected = (batch, height, width)
     if not len(vertices) == batch or not covered_weight.shape == uncovered_cost.shape == expected:
         raise ValueError(f"targets are {expected}: weights and vertices must have the same frames and size")
-    scene = scene_of(mesh, texture.uv, orders, (width, height))
-    arguments = kernel_arguments(positions, texture.rgba, torch.ones(orders.shape), scene)
-    images = [_plain(image).reshape(batch, num) for image, num in _sized(target, covered_weight, uncovered_cost)]
+    scene = scene_of(mesh, texture.uv.to(positions), orders, (width, height))
+    arguments = kernel_arguments(positions, texture.rgba.to(positions), torch.ones(orders.shape), scene)
+    num_pixels = height * width
+    target = _plain(target).reshape(batch, num_pixels * 3)
+    covered_weight, uncovered_cost = (
+        _plain(image).reshape(batch, num_pixels) for image in (covered_weight, uncovered_cost)
+    )
     energy, gradient = np.zeros(batch), np.zeros(positions.shape, np.float32)
     run_shares(
-        lambda _, first, end: energy_frames(first, end, *arguments, *images, np.float32(epsilon), energy, gradient),
+        lambda _, first, end: energy_frames(
+            first, end, *arguments, target, covered_weight, uncovered_cost, np.float32(epsilon), energy, gradient
+        ),
         shares(batch),
     )
     return energy, gradient
 
 
-def _sized(*images: Float[np.ndarray, "*shape"]) -> list[tuple[Float[np.ndarray, "*shape"], int]]:
-    """Pair each stack of images with the numbers in one image."""
-    return [(image, int(np.prod(image.shape[1:]))) for image in images]
-
-
-def _plain(array: Float[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
+def _plain(array: Float[np.ndarray, "*_"]) -> Float32[np.ndarray, "*_"]:
     """Return the array as the kernels are compiled for it: float32, contiguous, writable."""
-    plain: Float32[np.ndarray, "*shape"] = np.require(array, np.float32, ("C", "W"))
+    plain: Float32[np.ndarray, "*_"] = np.require(array, np.float32, ("C", "W"))
     return plain

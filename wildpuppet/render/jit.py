@@ -8,6 +8,7 @@ change in one would leave the others stale. So code is kept in a folder named by
 """
 
 import hashlib
+import inspect
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -32,10 +33,15 @@ def exact_kernel(function: Kernel) -> Kernel:
 
 
 def _compile(function: Kernel, **options: Any) -> Kernel:
-    """Make a dispatcher whose machine code is kept in our folder."""
+    """Make a dispatcher whose machine code is kept in our folder.
+
+    The function is taken out of any wrapper first: tests check annotations by wrapping every function of a module.
+    """
     chosen = config.CACHE_DIR
     config.CACHE_DIR = _cache_folder(chosen)
-    compiled = cast(Kernel, numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function))
+    compiled = cast(
+        Kernel, numba.njit(cache=True, nogil=True, error_model="numpy", **options)(inspect.unwrap(function))
+    )
     config.CACHE_DIR = chosen
     return compiled
 

@@ -50,13 +50,19 @@ def render(
     check_scene(vertices, mesh, texture, order, size, opacity)
     if opacity is None:
         opacity = vertices.new_ones(order.shape)
-    if backend == "cpu" or (backend == "auto" and vertices.device.type == "cpu" and vertices.dtype == torch.float32):
-        scene = scene_of(mesh, texture.uv, order, size)
-        return Rendering(composite_cpu(vertices, texture.rgba, opacity, scene))
-    rgba, uv = texture.rgba.to(vertices), texture.uv.to(vertices)
-    device = vertices.device
-    image = composite_reference(vertices, mesh.to(device), rgba, uv, order.to(device), size, opacity.to(vertices))
-    return Rendering(image)
+    rgba, uv, opacity = texture.rgba.to(vertices), texture.uv.to(vertices), opacity.to(vertices)
+    if uses_kernels(vertices, backend):
+        return Rendering(composite_cpu(vertices, rgba, opacity, scene_of(mesh, uv, order, size)))
+    placed, order = mesh.to(vertices.device), order.to(vertices.device)
+    return Rendering(composite_reference(vertices, placed, rgba, uv, order, size, opacity))
+
+
+def uses_kernels(vertices: Tensor, backend: Backend) -> bool:
+    """Tell whether the fast path draws these; raises ValueError where it was asked for and cannot."""
+    fits = vertices.device.type == "cpu" and vertices.dtype == torch.float32
+    if backend == "cpu" and not fits:
+        raise ValueError(f"backend cpu needs float32 vertices on the CPU, not {vertices.dtype} on {vertices.device}")
+    return fits and backend != "reference"
 
 
 def check_scene(
@@ -68,6 +74,8 @@ def check_scene(
         raise ValueError(f"vertices must be (B, {len(texture.uv)}, 2), not {tuple(vertices.shape)}")
     if not bool(torch.isfinite(vertices.detach()).all()):
         raise ValueError("vertices must be finite numbers")
+    if len(mesh.triangles) and not 0 <= int(mesh.triangles.min()) <= int(mesh.triangles.max()) < len(texture.uv):
+        raise ValueError(f"triangles must name vertices 0 to {len(texture.uv) - 1}")
     if order.shape != expected or not torch.equal(order.sort(1).values, _identity(order)):
         raise ValueError(f"order must be {expected}, each row a permutation of the layers back to front")
     if opacity is not None and opacity.shape != expected:

@@ -10,7 +10,7 @@ from torch import Tensor
 from wildpuppet.render.cpu import kernel_arguments, scene_of
 from wildpuppet.render.mesh import Mesh
 from wildpuppet.render.reference import barycentrics_of, find_fragments, sample
-from wildpuppet.render.render import Backend, check_scene
+from wildpuppet.render.render import Backend, check_scene, uses_kernels
 from wildpuppet.render.surface_kernels import surface_frames
 from wildpuppet.render.texture import Texture
 from wildpuppet.render.threads import run_shares, shares
@@ -44,7 +44,8 @@ def surface(
         raise ValueError(f"threshold must lie between 0 and 1, not {threshold}")
     if opacity is None:
         opacity = vertices.new_ones(order.shape)
-    if backend == "cpu" or (backend == "auto" and vertices.device.type == "cpu" and vertices.dtype == torch.float32):
+    opacity, texture = opacity.to(vertices), Texture(texture.rgba.to(vertices), texture.uv.to(vertices))
+    if uses_kernels(vertices, backend):
         return _surface_cpu(vertices, mesh, texture, order, size, opacity, threshold)
     return _surface_reference(vertices, mesh, texture, order, size, opacity, threshold)
 
@@ -102,8 +103,8 @@ def _surface_reference(
     found = find_fragments(vertices, mesh, order, size)
     weights = barycentrics_of(vertices, mesh, found)
     layer = order[found.frame, found.rank]
-    points = (weights[:, :, None] * texture.uv.to(vertices)[mesh.triangles[found.triangle]]).sum(1)
-    alpha = sample(texture.rgba.to(vertices), points)[:, 3] * opacity.to(vertices)[found.frame, layer]
+    points = (weights[:, :, None] * texture.uv[mesh.triangles[found.triangle]]).sum(1)
+    alpha = sample(texture.rgba, points)[:, 3] * opacity[found.frame, layer]
     pixel = (found.frame * size[1] + found.row) * size[0] + found.column
     flat = _empty(vertices, len(vertices) * size[0] * size[1])
     covered = vertices.new_zeros(len(flat.layer))
