@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from wildpuppet.geometry.topology import signed_areas
 
-Ring = Float[np.ndarray, "n 2"]
+Ring = Float[np.ndarray, "_ 2"]
 
 SHORTEST_EDGE_SHARE = 0.1
 """Refinement makes no edge shorter than this share of the target: it stops at corners too sharp for the angle."""

@@ -75,7 +75,7 @@ def bleed(rgba: UInt8[np.ndarray, "h w 4"]) -> UInt8[np.ndarray, "h w 4"]:
 
 
 def assemble(
-    size: tuple[int, int], windows: Sequence[UInt8[np.ndarray, "h w 4"]], corners: Int[np.ndarray, "L 2"]
+    size: tuple[int, int], windows: Sequence[UInt8[np.ndarray, "_ _ 4"]], corners: Int[np.ndarray, "L 2"]
 ) -> UInt8[np.ndarray, "H W 4"]:
     """Lay the windows into one picture; texels of no window are transparent black."""
     atlas = np.zeros((size[1], size[0], 4), np.uint8)

@@ -5,7 +5,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 from skimage.measure import approximate_polygon, find_contours
 
-Ring = Float[np.ndarray, "n 2"]
+Ring = Float[np.ndarray, "_ 2"]
 
 
 def rings_around(mask: Bool[np.ndarray, "H W"], *, margin: float, tolerance: float, least_hole: float) -> list[Ring]:

@@ -147,7 +147,7 @@ def _clean(mask: Mask) -> Mask:
     return filled
 
 
-def _soft(mask: Mask, size: tuple[int, int]) -> UInt8[np.ndarray, "H W"]:
+def _soft(mask: Bool[np.ndarray, "h w"], size: tuple[int, int]) -> UInt8[np.ndarray, "H W"]:
     """Enlarge a mask to ``size`` (w, h) with an edge of about one pixel, half a pixel inside the mask's."""
     inner = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
     outer = ndimage.distance_transform_edt(~np.pad(mask, 1))[1:-1, 1:-1]

@@ -104,7 +104,7 @@ Ends = tuple[tuple[int, int], tuple[int, int]]
 
 
 def _nearest_points(
-    islands: list[Float[np.ndarray, "n 2"]],
+    islands: list[Float[np.ndarray, "_ 2"]],
 ) -> tuple[Float[np.ndarray, "I I"], dict[tuple[int, int], Ends]]:
     """Measure the gap between every two islands and find the two points that it lies between."""
     gaps = np.zeros((len(islands), len(islands)))
