@@ -96,11 +96,11 @@ class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Palette size of the part templates. Higher tells similar shades apart and costs time."""
     hinge_slack: Positive = 0.03
     """How far a hinge opens at the cost ``hinge``, as a share of the character's size; beyond, the cost is linear."""
-    hinge: NotNegative = 0.05
+    hinge: NotNegative = 0.04
     """Cost of a hinge that opens by its slack, in units of an average part's evidence. Higher holds limbs tighter."""
     hinge_reach: Share = 0.12
     """Farthest opening of a hinge, as a share of the character's size."""
-    turn: NotNegative = 0.08
+    turn: NotNegative = 0.05
     """Cost of turning a part against its parent, per squared radian (linear beyond half a radian)."""
     time_weight: NotNegative = 3.0
     """Cost of parts moving between drawings, per part and character size. 0 takes each frame by itself."""

@@ -135,7 +135,7 @@ def _reorders(tree: Tree, candidate: Candidate) -> Iterator[Candidate]:
 def _distinct(
     ranked: list[tuple[float, Candidate]], num_best: int, num_angles: int
 ) -> list[tuple[float, Candidate]]:
-    """Drop poses that only differ by a step or two from a better one."""
+    """Drop poses that differ from a better one only by small steps or by an order of layers."""
     kept: list[tuple[float, Candidate]] = []
     for cost, candidate in ranked:
         if all(_differs(candidate, other, num_angles) for _, other in kept):
@@ -146,11 +146,9 @@ def _distinct(
 
 
 def _differs(a: Candidate, b: Candidate, num_angles: int) -> bool:
-    if a.order != b.order:
-        return True
     first, second = np.array(a.states), np.array(b.states)
     turn = (first[:, 0] - second[:, 0] + num_angles // 2) % num_angles - num_angles // 2
-    return bool((np.abs(turn) > 2).any() or (np.abs(first[:, 1:] - second[:, 1:]) > 3).any())
+    return bool((np.abs(turn) > num_angles // 12).any() or (np.abs(first[:, 1:] - second[:, 1:]) > 4).any())
 
 
 def twin_limbs(tree: Tree, areas: Float[np.ndarray, "L"]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
