@@ -19,9 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float, Int
-from numba import njit
 from torch import Tensor
 from torch.linalg import vector_norm
+
+from wildpuppet.geometry.arap_kernel import add_triangles
 
 LEAST_AREA_SHARE = 1e-9
 """A triangle smaller than this share of the mesh's squared extent has no usable Jacobian and weighs nothing."""
@@ -93,7 +94,7 @@ def arap_energy_and_gradient(
     scales = np.ones(len(vertices), kind) if scale is None else np.ascontiguousarray(scale, dtype=kind)
     energy, gradient = np.zeros(len(vertices), kind), np.zeros(vertices.shape, kind)
     posed = np.ascontiguousarray(vertices, dtype=kind)
-    _triangle_kernel(posed, rest.triangles, rest.inverses, rest.areas, scales, energy, gradient)
+    add_triangles(posed, rest.triangles, rest.inverses, rest.areas, scales, energy, gradient)
     return energy, gradient
 
 
@@ -167,32 +168,3 @@ def _directed_edges(
     pairs, which = torch.unique(ends, dim=0, return_inverse=True)
     weights = halves.new_zeros(len(pairs)).index_add(0, which, halves.reshape(-1)).clamp_min(0.0)
     return torch.cat([pairs[:, 0], pairs[:, 1]]), torch.cat([pairs[:, 1], pairs[:, 0]]), torch.cat([weights, weights])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _triangle_kernel(posed, triangles, inverses, areas, scales, energy, gradient):  # type: ignore[no-untyped-def]
-    for frame in range(posed.shape[0]):
-        target = 2 * scales[frame]
-        for face in range(triangles.shape[0]):
-            first, second, third = triangles[face, 0], triangles[face, 1], triangles[face, 2]
-            x0, y0 = posed[frame, first, 0], posed[frame, first, 1]
-            ux, uy = posed[frame, second, 0] - x0, posed[frame, second, 1] - y0
-            vx, vy = posed[frame, third, 0] - x0, posed[frame, third, 1] - y0
-            i00, i01, i10, i11 = inverses[face, 0, 0], inverses[face, 0, 1], inverses[face, 1, 0], inverses[face, 1, 1]
-            j00, j01 = ux * i00 + vx * i10, ux * i01 + vx * i11
-            j10, j11 = uy * i00 + vy * i10, uy * i01 + vy * i11
-            turn_x, turn_y, shear_x, shear_y = j00 + j11, j10 - j01, j00 - j11, j10 + j01
-            length = np.sqrt(turn_x * turn_x + turn_y * turn_y)
-            area = areas[face]
-            energy[frame] += area * ((length - target) ** 2 + shear_x * shear_x + shear_y * shear_y) / 2
-            pull = area * (length - target) / length if length > 0 else 0 * area
-            turn_x, turn_y, shear_x, shear_y = pull * turn_x, pull * turn_y, area * shear_x, area * shear_y
-            g00, g01, g10, g11 = turn_x + shear_x, shear_y - turn_y, turn_y + shear_y, turn_x - shear_x
-            dux, dvx = g00 * i00 + g01 * i01, g00 * i10 + g01 * i11
-            duy, dvy = g10 * i00 + g11 * i01, g10 * i10 + g11 * i11
-            gradient[frame, second, 0] += dux
-            gradient[frame, second, 1] += duy
-            gradient[frame, third, 0] += dvx
-            gradient[frame, third, 1] += dvy
-            gradient[frame, first, 0] -= dux + dvx
-            gradient[frame, first, 1] -= duy + dvy
