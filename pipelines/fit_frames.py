@@ -62,22 +62,29 @@ def search(
     order: list[int] = []
     with keeper.step(stages.SEARCH.name, frames.number):
         for walk in frames.walks():
-            start = placement
+            size = placement.derived("size", _size_of)
             for chunk in _chunks(walk):
                 indices = given(np.array(chunk), chunk)
                 part = keeper.keep(
-                    stages.SEARCH_PART, weight=len(chunk), puppet=puppet, crops=crops, placement=start, frames=indices
-                )
-                start = part.derived("following", _following)
+                    stages.SEARCH_PART, weight=len(chunk), puppet=puppet, crops=crops, placement=placement, size=size,
+                    frames=indices,
+                )  # fmt: skip
+                size = part.derived("size_after", _size_after)
                 parts.append(part)
                 order += chunk
         return keeper.keep(stages.SEARCH, weight=0.0, parts=parts, frames=given(order))
 
 
-def _following(hypotheses: Hypotheses) -> Any:
-    from wildpuppet.pose.search import following
+def _size_of(placement: Any) -> float:
+    from wildpuppet.pose.place import size_of
 
-    return following(hypotheses)
+    return size_of(placement)
+
+
+def _size_after(hypotheses: Hypotheses) -> float:
+    from wildpuppet.pose.search import size_after
+
+    return size_after(hypotheses)
 
 
 def descend(keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops], poses: Kept[Poses], frames: Frames) -> Kept[Fit]:

@@ -108,13 +108,14 @@ def _search_part(
     puppet: Puppet,
     crops: Crops,
     placement: Float[np.ndarray, "2 3"],
+    size: float,
     frames: Int[np.ndarray, "n"],
     settings: SearchSettings,
     machine: Machine,
 ) -> Hypotheses:
     from wildpuppet.pose.search import search
 
-    return search(puppet, crops, placement, frames, settings, machine)
+    return search(puppet, crops, placement, size, frames, settings, machine)
 
 
 def _search(parts: list[Hypotheses], frames: list[int], machine: Machine) -> Hypotheses:

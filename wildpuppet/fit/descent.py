@@ -21,6 +21,8 @@ from wildpuppet.render.render import Mesh, Texture, mesh_of, render
 from wildpuppet.settings import FitSettings
 from wildpuppet.types import Puppet
 
+SCALE_SLACK = 1.05
+"""How far a level may change a frame's size freely; beyond, ARAP holds it."""
 LOSS_NAMES = ("reconstruction", "arap", "joints", "area")
 
 
@@ -36,6 +38,7 @@ class Problem:
     rest: ArapRest
     settings: FitSettings
     mask_pixels: Float[Tensor, "B"]
+    scale: Float[Tensor, "B"]
 
     @property
     def size(self) -> tuple[int, int]:
@@ -54,13 +57,14 @@ def make_problem(
 ) -> Problem:  # fmt: skip
     """Prepare a level; ``vertices`` (level pixels) say how large the puppet is seen and its mask at the start."""
     rest = arap_rest(puppet.vertices.astype(np.float32), puppet.triangles)
-    level_from_canvas = float(np.median(best_scale_of(vertices.numpy(), rest)))
+    scale = best_scale_of(vertices.numpy(), rest)
+    level_from_canvas = float(np.median(scale))
     mesh, texture = mesh_of(puppet), texture_for(puppet, level_from_canvas)
     orders = torch.from_numpy(np.ascontiguousarray(order))
     size = (target.colour.shape[2], target.colour.shape[1])
     with torch.no_grad():
         mask = render(vertices, mesh, texture, orders, size).rgba[..., 3].sum((1, 2)).clamp_min(16.0)
-    return Problem(puppet, mesh, texture, target, orders, rest, settings, mask)
+    return Problem(puppet, mesh, texture, target, orders, rest, settings, mask, torch.from_numpy(scale).float())
 
 
 def energies(
@@ -79,7 +83,8 @@ def energies(
     surrogate = (weight * squares - problem.target.cover_gain * alpha).sum((1, 2))
     joints = energy.joint_distance(moving * problem.unit, *_joints(problem.puppet))
     with torch.no_grad():
-        scale = torch.from_numpy(best_scale_of(vertices.numpy(), problem.rest).astype(np.float32))
+        free = torch.from_numpy(best_scale_of(vertices.numpy(), problem.rest).astype(np.float32))
+        scale = free.clamp(problem.scale / SCALE_SLACK, problem.scale * SCALE_SLACK)
         expected = torch.from_numpy(problem.puppet.vertices.astype(np.float32))[None] * scale[:, None, None]
     layer_of_triangle = torch.from_numpy(problem.puppet.layer_of_triangle.astype(np.int64))
     triangles = torch.from_numpy(problem.puppet.triangles.astype(np.int64))

@@ -24,7 +24,8 @@ class Target(NamedTuple):
     """A batch of frames at one level.
 
     ``colour`` Lab, lightness 0..255. ``cover_gain`` is what covering a pixel is worth, in squared grey levels:
-    positive on the character, negative on the background, 0 where the matte does not know.
+    ``worth`` on the character, minus that on the background, half of it where the matte does not know (a puppet that
+    gained nothing there would shrink).
     """
 
     colour: Float[Tensor, "B H W 3"]
@@ -41,7 +42,7 @@ def target_at(images: UInt8[np.ndarray, "B H W 4"], level: float, worth: float) 
         small = image if level == 1 else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         unit = small.astype(np.float32) / 255
         colours.append(lab(unit[..., :3]) * (WHITE / LAB_UNIT))
-        gains.append((2 * unit[..., 3] - 1) * worth)
+        gains.append(np.where(unit[..., 3] < 0.5, 3 * unit[..., 3] - 1, unit[..., 3]) * worth)
     return Target(
         torch.from_numpy(np.stack(colours).astype(np.float32)),
         torch.from_numpy(np.stack(gains).astype(np.float32)),

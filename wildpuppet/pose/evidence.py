@@ -3,10 +3,11 @@
 One explanation per pixel. With a the puppet's coverage, C its colour there, I the frame's colour and m the matte, a
 pixel costs
 
-    a * (disagreement(I, C) + BEHIND * (1 - m)) + (1 - a) * UNEXPLAINED * m
+    a * (disagreement(I, C) + BEHIND * max(0, 1 - 2 m)) + (1 - a) * UNEXPLAINED * m
 
 so that claiming a foreground pixel with the wrong colour costs as much as leaving it unexplained, claiming background
-costs extra, and two parts gain nothing by claiming the same pixel. Disagreement grows about linearly with the Lab distance,
+costs extra, and two parts gain nothing by claiming the same pixel. Where the matte does not know (m = 0.5) a pixel is
+worth claiming with a colour that agrees: without that a puppet would shrink wherever the background is unknown. Disagreement grows about linearly with the Lab distance,
 so that the shade by which a far leg differs from the near one counts, and is bounded by 1, so that a face that changes
 does not drag the body along.
 """
@@ -52,12 +53,17 @@ def disagreement(squared: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*sh
     return 1 - np.exp(-(np.sqrt(squared + SMOOTH**2) - SMOOTH) / SIGMA)
 
 
+def behind_cost(matte: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """Price of claiming a pixel that the matte gives to the background."""
+    return BEHIND * np.maximum(1 - 2 * matte, 0)
+
+
 def disagreement_maps(
     evidence: Evidence, palette: Float[np.ndarray, "C 3"], reach: int
 ) -> Float[np.ndarray, "C Hp Wp"]:
     """Cost of claiming each pixel for each palette colour, relative to leaving it, padded by ``reach``."""
     wrong = disagreement(((evidence.lab[None] - palette[:, None, None]) ** 2).sum(-1))
-    gain = wrong + BEHIND * (1 - evidence.matte) - UNEXPLAINED * evidence.matte
+    gain = wrong + behind_cost(evidence.matte) - UNEXPLAINED * evidence.matte
     padded = np.pad(gain, ((0, 0), (reach, reach), (reach, reach)), constant_values=BEHIND)
     return np.ascontiguousarray(padded, np.float32)
 
@@ -89,6 +95,6 @@ def unexplained_cost(
         ).rgba.numpy()
     alpha = picture[..., 3]
     colour = picture[..., :3] * (LAB_UNIT / alpha[..., None].clip(1e-3))
-    claimed = disagreement(((colour - evidence.lab) ** 2).sum(-1)) + BEHIND * (1 - evidence.matte)
+    claimed = disagreement(((colour - evidence.lab) ** 2).sum(-1)) + behind_cost(evidence.matte)
     cost: Float[np.ndarray, "B"] = (alpha * claimed + (1 - alpha) * UNEXPLAINED * evidence.matte).sum((1, 2))
     return cost

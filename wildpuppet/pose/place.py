@@ -46,6 +46,11 @@ def place(puppet: Puppet, crops: Crops) -> Float[np.ndarray, "2 3"]:
     return affine.scale_and_shift(scale, (float(shift[0]), float(shift[1])))
 
 
+def size_of(crop_from_canvas: Float[np.ndarray, "2 3"]) -> float:
+    """Give a similarity's scale: crop pixels per canvas pixel."""
+    return float(np.sqrt(abs(np.linalg.det(crop_from_canvas[:, :2]))))
+
+
 def pose_vertices(puppet: Puppet, crop_from_canvas: Float[np.ndarray, "*batch L 2 3"]) -> Float[np.ndarray, "*batch V 2"]:
     """Move every layer's rest vertices by its map."""
     maps = crop_from_canvas[..., puppet.layer_of_vertex, :, :]

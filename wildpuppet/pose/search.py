@@ -16,7 +16,7 @@ from wildpuppet.pose import evidence as ev
 from wildpuppet.pose import kernels
 from wildpuppet.pose.dynamic import Springs, State, pull_table, solve
 from wildpuppet.pose.moves import Candidate, best_candidates, spring_cost, twin_limbs
-from wildpuppet.pose.place import pose_vertices, rest_box
+from wildpuppet.pose.place import pose_vertices, rest_box, size_of
 from wildpuppet.pose.templates import PartImage, Templates, make_templates, palette_of, part_images
 from wildpuppet.pose.tree import Tree, part_areas, tree_of
 from wildpuppet.render.render import Mesh, mesh_of
@@ -26,6 +26,8 @@ from wildpuppet.types import Crops, Hypotheses, Puppet
 
 SIZE_STEP = 1.06
 """Ratio between neighbouring sizes of the templates."""
+SIZE_PRIOR = 0.003
+"""Cost, in shares of the puppet's pixels, of a size one step away from the one its box suggests (squared)."""
 
 
 @dataclass(eq=False)
@@ -69,18 +71,21 @@ def search(
     puppet: Puppet,
     crops: Crops,
     placement: Float[np.ndarray, "2 3"],
+    size: float,
     frames: Int[np.ndarray, "n"],
     settings: SearchSettings,
     machine: Machine,
 ) -> Hypotheses:
     """Find the N best poses of the crops ``frames`` (indices, in the order in which they are to be solved).
 
-    ``placement`` (crop from canvas) gives the expected size in the first of them; use ``following`` to chain chunks.
+    ``placement`` (crop from canvas) stands for the reference crop; ``size`` (crop pixels per canvas pixel) is
+    expected in the first of ``frames`` (``size_after`` chains chunks).
     A frame that shows the drawing of the frame solved before it repeats that frame's poses.
     """
-    search_scale = settings.box_pixels / max(1.0, float(rest_box(puppet)[2:].max()) * _scale_of(placement))
+    search_scale = settings.box_pixels / max(1.0, float(rest_box(puppet)[2:].max()) * size_of(placement))
     searcher = Searcher(puppet, settings, search_scale)
-    step = searcher.size_step(_scale_of(placement))
+    expected = _expected_steps(searcher, crops, placement)
+    step = searcher.size_step(size)
     found: list[tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]] = []
     for done, frame in enumerate(frames):
         before = frames[done - 1] if done else None
@@ -94,7 +99,9 @@ def search(
                 starts = [(affine.compose(_between(crops, int(frame), int(before))[None], m), o)
                           for m, o in zip(found[-1][0][:2], found[-1][1][:2], strict=True)]
             image = crops.images[int(frame) : int(frame) + 1][0]
-            maps, order, cost, step = _search_one(searcher, image, step, starts, fixed_size=not crops.ordered)
+            maps, order, cost, step = _search_one(
+                searcher, image, step, expected[frame], starts, fixed_size=not crops.ordered
+            )
             found.append((maps, order, cost))
         machine.progress(done + 1, len(frames))
     return Hypotheses(
@@ -104,15 +111,16 @@ def search(
     )
 
 
-def following(hypotheses: Hypotheses) -> Float[np.ndarray, "2 3"]:
-    """Give the placement from which the next chunk continues: the last frame's best pose, averaged over its parts."""
-    best = hypotheses.crop_from_canvas[-1, 0]
-    scale = float(np.sqrt(np.abs(np.linalg.det(best[:, :, :2]))).mean())
-    return affine.scale_and_shift(scale, (float(best[:, 0, 2].mean()), float(best[:, 1, 2].mean())))
+def size_after(hypotheses: Hypotheses) -> float:
+    """Give the size (crop pixels per canvas pixel) from which the next chunk continues: the last frame's best."""
+    return float(np.sqrt(np.abs(np.linalg.det(hypotheses.crop_from_canvas[-1, 0, :, :, :2]))).mean())
 
 
-def _scale_of(crop_from_canvas: Float[np.ndarray, "2 3"]) -> float:
-    return float(np.sqrt(abs(np.linalg.det(crop_from_canvas[:, :2]))))
+def _expected_steps(searcher: Searcher, crops: Crops, placement: Float[np.ndarray, "2 3"]) -> Int[np.ndarray, "T"]:
+    """Size of each frame if the character scales with its box (its diagonal, against the reference frame's)."""
+    diagonal = np.hypot(crops.box_crop[:, 2], crops.box_crop[:, 3])
+    ratio = diagonal / diagonal[crops.reference or 0] if crops.ordered else np.ones(len(diagonal))
+    return np.array([searcher.size_step(size_of(placement) * float(r)) for r in ratio])
 
 
 def _between(crops: Crops, frame: int, before: int) -> Float[np.ndarray, "2 3"]:
@@ -124,6 +132,7 @@ def _search_one(
     searcher: Searcher,
     image: Int[np.ndarray, "H W 4"],
     step: int,
+    expected: int,
     starts: list[tuple[Float[np.ndarray, "L 2 3"], Int[np.ndarray, "L"]]],
     fixed_size: bool,
 ) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"], int]:
@@ -153,7 +162,7 @@ def _search_one(
     seeds = [_nearest_candidate(searcher, templates, evidence, m, o) for m, o in starts]
     best = best_candidates(solution, judge, searcher.twins, seeds, searcher.settings.num_best)
     if not fixed_size:
-        step = _better_size(searcher, evidence, best[0][1], templates, step)
+        step = _better_size(searcher, evidence, best[0][1], templates, step, expected)
     return (*_hypotheses(searcher, templates, best), step)
 
 
@@ -206,6 +215,7 @@ def _better_size(
     order = np.repeat(np.array([candidate.order]), len(ratios), 0)
     _, texture = searcher.at_size(step)
     cost = ev.unexplained_cost(evidence, sized, order, searcher.mesh, texture)
+    cost = cost / templates.area.sum() + SIZE_PRIOR * (step + np.arange(-1, 2) - expected) ** 2
     return step + int(np.argmin(cost)) - 1
 
 
