@@ -19,12 +19,13 @@ Count = Annotated[int, Meta(ge=1)]
 class ProbeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Reading the clip: the frame table and the shots."""
 
-    cut_threshold: Positive = 3.0
-    """How many times its neighbours' change a frame's change must be to start a shot. Lower finds more cuts."""
+    cut_threshold: Positive = 2.0
+    """How many times its neighbours' change a frame's change must be to start a shot; 1.5 to 4. Lower finds more cuts,
+    and false ones in fast motion."""
     cut_least_change: Positive = 15.0
-    """The least mean change (0..255, HSV) of a cut. Lower finds cuts between similar pictures and more false ones."""
+    """The least mean change (0..255, HSV) of a cut; 8 to 30. Lower finds cuts between like pictures and false ones."""
     least_shot_frames: Count = 4
-    """Cuts closer together than this are one (a flash)."""
+    """The shortest shot. Cuts closer together than this are one, and a picture that is back sooner was a flash."""
 
 
 class TrackSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
