@@ -204,9 +204,12 @@ def _nearest_candidate(
 
 
 def _better_size(
-    searcher: Searcher, evidence: ev.Evidence, candidate: Candidate, templates: Templates, step: int
+    searcher: Searcher, evidence: ev.Evidence, candidate: Candidate, templates: Templates, step: int, expected: int
 ) -> int:
-    """Try the best pose a step larger and smaller, about its middle; return the size that explains the frame best."""
+    """Try the best pose a step larger and smaller, about its middle; return the size that explains the frame best.
+
+    Sizes away from the ``expected`` one (the box's) pay for it.
+    """
     search_from_canvas = _maps_of(searcher, templates, candidate.states)
     vertices = pose_vertices(searcher.puppet, search_from_canvas)
     middle = vertices.mean(0)
