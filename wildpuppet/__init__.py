@@ -1,6 +1,6 @@
 """wildpuppet: layered puppets from cartoon clips (Neural Puppet, WACV 2020, carried to a product).
 
-``wildpuppet.run`` and ``wildpuppet.open_run`` are imported when they are first used, so that ``import wildpuppet``
+``run``, ``fit_drawings`` and ``open_run`` are imported when they are first used, so that ``import wildpuppet``
 and ``--help`` cost nothing.
 """
 
@@ -9,13 +9,13 @@ from typing import Any
 
 _LAZY = {
     "run": ("wildpuppet.pipelines.run", "run"),
-    "fit": ("wildpuppet.pipelines.fit", "fit"),
+    "fit_drawings": ("wildpuppet.pipelines.fit", "fit"),
     "open_run": ("wildpuppet.api", "open_run"),
     "Run": ("wildpuppet.api", "Run"),
     "WildPuppetError": ("wildpuppet.errors", "WildPuppetError"),
 }
 
-__all__ = ["Run", "WildPuppetError", "open_run", "run"]
+__all__ = ["Run", "WildPuppetError", "fit_drawings", "open_run", "run"]
 
 
 def __getattr__(name: str) -> Any:
