@@ -8,11 +8,11 @@ motion out; strengths spread to their neighbours there, so that motion on twos a
 than six frames apart can hide each other.
 Dissolves and fades are not found.
 
-Checked against PySceneDetect 0.7.2 (AdaptiveDetector and ContentDetector, shots of at least 4 frames) on eight clips
-without a cut (two films, six drawn characters over backgrounds: all three find none), on three drawn clips of six shots
-with a flash (ours is exact; both of PySceneDetect's add a false cut at the flash, its adaptive one 17 more in motion on
-threes and misses two cuts there) and on 21 pieces of the eight cut together (all three find the same 19 of 20 cuts; the
-one missed joins two pieces with the same background).
+Checked against PySceneDetect 0.7.2 (AdaptiveDetector and ContentDetector, shots of at least 4 frames): on eight clips
+without a cut (two films, six drawn characters over backgrounds) all three find none; on three drawn clips of six shots
+with a flash ours is exact, while both of PySceneDetect's add a false cut at the flash and its adaptive one 18 more in
+motion on threes, where it misses three cuts; on 21 pieces of the eight cut together all three find the same 19 of 20
+cuts (the one missed joins two pieces with the same background).
 """
 
 from collections import deque
