@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from wildpuppet.pose import kernels
+from wildpuppet.pose.springs import LINEAR_TURN, huber
 from wildpuppet.pose.templates import PartImage, Templates
 from wildpuppet.pose.tree import Edge, Tree
 
@@ -37,8 +38,7 @@ class Springs:
 
 def pull_table(slack: float, cost: float, reach: int) -> Float[np.ndarray, "R"]:
     """Tabulate Huber's function: ``cost`` at a gap of ``slack`` pixels, linear beyond."""
-    gap = np.arange(reach + 1) / slack
-    return (cost * np.where(gap < 1, gap**2, 2 * gap - 1)).astype(np.float32)
+    return (cost * huber(np.arange(reach + 1) / slack)).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ State = tuple[int, int, int]
 def turn_costs(radians: Float[np.ndarray, "K"], weight: float) -> Float[np.ndarray, "K"]:
     """Cost of a child's turn relative to its parent: quadratic near rest, linear beyond half a radian."""
     turn = np.abs((radians + np.pi) % (2 * np.pi) - np.pi)
-    return (weight * np.where(turn < 0.5, turn**2, turn - 0.25)).astype(np.float32)
+    return (weight * LINEAR_TURN**2 * huber(turn / LINEAR_TURN)).astype(np.float32)
 
 
 def joint_offsets(
