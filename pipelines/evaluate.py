@@ -203,7 +203,7 @@ def print_table(rows: "list[Row]") -> None:
     for index, head in enumerate(heads):
         table.add_column(head, justify="left" if index < 3 else "right", no_wrap=True)
     for row in rows:
-        table.add_row(*_cells(row), style="bold" if row.num_sets > 1 and row.method == "ours" else None)
+        table.add_row(*_cells(row), style="bold" if row.num_sets and row.method == "ours" else None)
     Console(width=None if is_terminal else 140).print(table)
 
 
@@ -211,5 +211,5 @@ def _cells(row: "Row") -> list[str]:
     found = row.score
     hidden: list[float | None] = [*found.hidden.values()] if found.hidden else [None, None]
     shares = [*found.pck.values(), *hidden, found.visible_accuracy, found.swaps, found.median_pixels]
-    name = row.name if row.group != "clips" or row.num_sets > 1 else f"{row.name} clip"
+    name = row.name if row.group != "clips" or row.num_sets else f"{row.name} clip"
     return [name, row.frames, row.method, *("" if share is None else f"{share:.1f}" for share in shares)]

@@ -21,14 +21,14 @@ Carried = tuple[Float[np.ndarray, "T N 2"], Bool[np.ndarray, "T N"] | None]
 
 @dataclass(frozen=True)
 class Row:
-    """How one method did. ``group`` is hand, rigs or clips; ``num_sets`` is 1, or how many a mean is over."""
+    """How one method did. ``group`` is hand, rigs or clips; ``num_sets`` is how many sets a mean is over."""
 
     name: str
     group: str
     frames: Frames
     method: str
     score: Score
-    num_sets: int = 1
+    num_sets: int | None = None
 
 
 def compare(name: str, kind: Kind, truth: Truth, carried: Mapping[str, Carried]) -> list[Row]:
