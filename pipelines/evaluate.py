@@ -148,11 +148,10 @@ def run_case(case: Case, truth: "Truth", arguments: Arguments, reporter: Reporte
 
 def baselines(case: Case, truth: "Truth", arguments: Arguments) -> "dict[str, Carried]":
     """Carry the points without a puppet: leave them, and follow dense optical flow."""
-    from wildpuppet.video.drawings import read_drawings
-
     from wildpuppet.correspond.baselines import copy, flow_of_clip, flow_of_drawings
     from wildpuppet.machine import Machine
     from wildpuppet.video.decode import over_white
+    from wildpuppet.video.drawings import read_drawings
     from wildpuppet.video.probe import probe
     from wildpuppet.video.read import FrameReader
 
