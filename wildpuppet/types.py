@@ -11,13 +11,13 @@ Values are frozen; arrays that come out of the store are read-only.
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 TrackState = Literal["followed", "bridged", "lost", "found"]
-"""followed: the tracker saw it; bridged: interpolated over a short gap; lost: not seen; found: seen again after lost."""
+"""followed: the tracker saw it; bridged: interpolated over a short gap; lost: not seen; found: seen after lost."""
 
 FitState = Literal["fitted", "held", "doubtful", "lost"]
 """fitted; held: copied from the frame that shows the same drawing; doubtful: low confidence; lost: no character."""
@@ -69,6 +69,7 @@ class Track:
     shot: Int[np.ndarray, "T"]
 
 
+@runtime_checkable
 class Images(Protocol):
     """A stack of T images that is read a slice at a time; a (T, H, W, 4) uint8 array is one.
 

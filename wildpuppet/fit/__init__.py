@@ -1,0 +1,1 @@
+"""The energy of a puppet in a picture, and its minimisers."""

@@ -107,7 +107,8 @@ class Bones:
         matrix[:, index, 3, index, 3] += self.hold_scale * trace.mean()
         matrix = matrix.reshape(batch, size, size) + joint_weight * self._joint_form(basis, size)
         solved = torch.linalg.solve(matrix, reduced.reshape(batch, size)).reshape(batch, self.num, 4)
-        return -(basis * solved[:, self.group, None]).sum(-1)
+        step: Float[Tensor, "B V 2"] = -(basis * solved[:, self.group, None]).sum(-1)
+        return step
 
     def _joint_form(self, basis: Float[Tensor, "B V 2 4"], size: int) -> Float[Tensor, "B S S"]:
         batch, num_joints = len(basis), len(self.joint_vertices)

@@ -1,0 +1,1 @@
+"""Affine maps, mesh topology, triangulation, as-rigid-as-possible energies."""

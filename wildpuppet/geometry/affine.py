@@ -8,13 +8,18 @@ import numpy as np
 from jaxtyping import Float
 
 
-def apply(a_from_b: Float[np.ndarray, "*batch 2 3"], points: Float[np.ndarray, "*batch n 2"]) -> Float[np.ndarray, "*batch n 2"]:
+def apply(
+    a_from_b: Float[np.ndarray, "*batch 2 3"], points: Float[np.ndarray, "*batch n 2"]
+) -> Float[np.ndarray, "*batch n 2"]:
     """Map points."""
     linear, offset = a_from_b[..., :2], a_from_b[..., 2]
-    return points @ np.swapaxes(linear, -1, -2) + offset[..., None, :]
+    mapped: Float[np.ndarray, "*batch n 2"] = points @ np.swapaxes(linear, -1, -2) + offset[..., None, :]
+    return mapped
 
 
-def compose(a_from_b: Float[np.ndarray, "*batch 2 3"], b_from_c: Float[np.ndarray, "*batch 2 3"]) -> Float[np.ndarray, "*batch 2 3"]:
+def compose(
+    a_from_b: Float[np.ndarray, "*batch 2 3"], b_from_c: Float[np.ndarray, "*batch 2 3"]
+) -> Float[np.ndarray, "*batch 2 3"]:
     """Chain two maps: a_from_c."""
     linear = a_from_b[..., :2] @ b_from_c[..., :2]
     offset = (a_from_b[..., :2] @ b_from_c[..., 2:])[..., 0] + a_from_b[..., 2]

@@ -5,6 +5,8 @@ frame's whole-pose cost plus, between frames, how far and how much parts move an
 to a new drawing costs a bounded amount).
 """
 
+from itertools import pairwise
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -43,10 +45,7 @@ def _pick_over_time(
     for shot in np.unique(crops.shot):
         index = np.flatnonzero(crops.shot == shot)
         starts = index[np.r_[True, np.diff(crops.drawing[index]) != 0]]
-        steps = [
-            settings.time_weight * _movement(puppet, crops, vertices, a, b) / size
-            for a, b in zip(starts[:-1], starts[1:], strict=True)
-        ]
+        steps = [settings.time_weight * _movement(puppet, crops, vertices, a, b) / size for a, b in pairwise(starts)]
         path = best_path(hypotheses.cost[starts], steps)
         picked[index] = path[np.searchsorted(starts, index, side="right") - 1]
     return picked

@@ -63,14 +63,13 @@ def turn_costs(radians: Float[np.ndarray, "K"], weight: float) -> Float[np.ndarr
     return (weight * LINEAR_TURN**2 * huber(turn / LINEAR_TURN)).astype(np.float32)
 
 
-def joint_offsets(
-    image: PartImage, templates: Templates, at: tuple[float, float]
-) -> Int[np.ndarray, "K 2"]:
+def joint_offsets(image: PartImage, templates: Templates, at: tuple[float, float]) -> Int[np.ndarray, "K 2"]:
     """Offset (x, y) in pixels from a part's pivot to the joint, for every angle."""
     arm = (np.asarray(at) - image.pivot) * templates.scale
     cos, sin = np.cos(templates.radians), np.sin(templates.radians)
     turned = np.stack([cos * arm[0] - sin * arm[1], sin * arm[0] + cos * arm[1]], -1)
-    return np.rint(turned).astype(np.int64)
+    offsets: Int[np.ndarray, "K 2"] = np.rint(turned).astype(np.int64)
+    return offsets
 
 
 def solve(
@@ -136,7 +135,11 @@ def child_modes(solution: Solution, child: int, parent_state: State, num: int) -
         if min(near, default=num_angles) < max(2, num_angles // 15):
             continue
         dy, dx = divmod(int(place[angle]), len(span))
-        state = (int(angle), int(np.clip(columns[angle, dx], 0, width - 1)), int(np.clip(rows[angle, dy], 0, height - 1)))
+        state = (
+            int(angle),
+            int(np.clip(columns[angle, dx], 0, width - 1)),
+            int(np.clip(rows[angle, dy], 0, height - 1)),
+        )
         modes.append((float(least[angle]), state))
         if len(modes) == num:
             break

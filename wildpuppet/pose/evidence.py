@@ -7,9 +7,9 @@ pixel costs
 
 so that claiming a foreground pixel with the wrong colour costs as much as leaving it unexplained, claiming background
 costs extra, and two parts gain nothing by claiming the same pixel. Where the matte does not know (m = 0.5) a pixel is
-worth claiming with a colour that agrees: without that a puppet would shrink wherever the background is unknown. Disagreement grows about linearly with the Lab distance,
-so that the shade by which a far leg differs from the near one counts, and is bounded by 1, so that a face that changes
-does not drag the body along.
+worth claiming with a colour that agrees: without that a puppet would shrink wherever the background is unknown.
+Disagreement grows about linearly with the Lab distance, so that the shade by which a far leg differs from the near one
+counts, and is bounded by 1, so that a face that changes does not drag the body along.
 """
 
 from dataclasses import dataclass
@@ -50,12 +50,14 @@ def evidence_of(image: UInt8[np.ndarray, "H W 4"], scale: float) -> Evidence:
 
 def disagreement(squared: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Turn squared Lab distances into 0..1: nearly linear from small shades on, bounded by 1."""
-    return 1 - np.exp(-(np.sqrt(squared + SMOOTH**2) - SMOOTH) / SIGMA)
+    share: Float[np.ndarray, "*shape"] = 1 - np.exp(-(np.sqrt(squared + SMOOTH**2) - SMOOTH) / SIGMA)
+    return share
 
 
 def behind_cost(matte: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Price of claiming a pixel that the matte gives to the background."""
-    return BEHIND * np.maximum(1 - 2 * matte, 0)
+    price: Float[np.ndarray, "*shape"] = BEHIND * np.maximum(1 - 2 * matte, 0)
+    return price
 
 
 def disagreement_maps(

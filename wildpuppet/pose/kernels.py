@@ -32,42 +32,61 @@ def template_costs(
 
 
 @njit(parallel=True, cache=True, fastmath=True)
-def spring_transform(
-    costs: Float[np.ndarray, "K H W"], pull: Float[np.ndarray, "R"]
-) -> Float[np.ndarray, "K H W"]:
+def spring_transform(costs: Float[np.ndarray, "K H W"], pull: Float[np.ndarray, "R"]) -> Float[np.ndarray, "K H W"]:
     """Take, at every position, the least of cost + pull[|dx|] + pull[|dy|], within the table's reach."""
-    num_angles, height, width = costs.shape
-    radius = len(pull) - 1
+    num_angles, height = costs.shape[:2]
     along = np.empty_like(costs)
     result = np.empty_like(costs)
     for angle in prange(num_angles):
         for y in range(height):
-            for x in range(width):
-                along[angle, y, x] = costs[angle, y, x]
-            for step in range(1, radius + 1):
-                extra = pull[step]
-                for x in range(width - step):
-                    along[angle, y, x] = min(along[angle, y, x], costs[angle, y, x + step] + extra)
-                for x in range(step, width):
-                    along[angle, y, x] = min(along[angle, y, x], costs[angle, y, x - step] + extra)
+            _pull_along_row(costs, along, angle, y, pull)
         for y in range(height):
-            for x in range(width):
-                result[angle, y, x] = along[angle, y, x]
-            for step in range(1, radius + 1):
-                extra = pull[step]
-                if y + step < height:
-                    for x in range(width):
-                        result[angle, y, x] = min(result[angle, y, x], along[angle, y + step, x] + extra)
-                if y - step >= 0:
-                    for x in range(width):
-                        result[angle, y, x] = min(result[angle, y, x], along[angle, y - step, x] + extra)
+            _pull_along_columns(along, result, angle, y, pull)
     return result
 
 
+@njit(cache=True, fastmath=True)
+def _pull_along_row(
+    costs: Float[np.ndarray, "K H W"],
+    result: Float[np.ndarray, "K H W"],
+    angle: int,
+    y: int,
+    pull: Float[np.ndarray, "R"],
+) -> None:
+    width = costs.shape[2]
+    for x in range(width):
+        result[angle, y, x] = costs[angle, y, x]
+    for step in range(1, len(pull)):
+        extra = pull[step]
+        for x in range(width - step):
+            result[angle, y, x] = min(result[angle, y, x], costs[angle, y, x + step] + extra)
+        for x in range(step, width):
+            result[angle, y, x] = min(result[angle, y, x], costs[angle, y, x - step] + extra)
+
+
+@njit(cache=True, fastmath=True)
+def _pull_along_columns(
+    costs: Float[np.ndarray, "K H W"],
+    result: Float[np.ndarray, "K H W"],
+    angle: int,
+    y: int,
+    pull: Float[np.ndarray, "R"],
+) -> None:
+    height, width = costs.shape[1:]
+    for x in range(width):
+        result[angle, y, x] = costs[angle, y, x]
+    for step in range(1, len(pull)):
+        extra = pull[step]
+        if y + step < height:
+            for x in range(width):
+                result[angle, y, x] = min(result[angle, y, x], costs[angle, y + step, x] + extra)
+        if y - step >= 0:
+            for x in range(width):
+                result[angle, y, x] = min(result[angle, y, x], costs[angle, y - step, x] + extra)
+
+
 @njit(parallel=True, cache=True, fastmath=True)
-def turn_transform(
-    costs: Float[np.ndarray, "K H W"], turn_cost: Float[np.ndarray, "K"]
-) -> Float[np.ndarray, "K H W"]:
+def turn_transform(costs: Float[np.ndarray, "K H W"], turn_cost: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K H W"]:
     """Take, for every parent's angle, the least over the child's angles of cost + turn_cost[child - parent]."""
     num_angles, height, width = costs.shape
     result = np.empty_like(costs)

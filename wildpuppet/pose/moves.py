@@ -118,7 +118,7 @@ def _angle_to_match(solution: Solution, layer: int, model: int, model_state: Sta
 
     radians = solution.templates.radians
     wanted = radians[model_state[0]] + rest_direction(model) - rest_direction(layer)
-    return round(wanted / (2 * np.pi) * len(radians)) % len(radians)
+    return int(round(wanted / (2 * np.pi) * len(radians)) % len(radians))
 
 
 def _reorders(tree: Tree, candidate: Candidate) -> Iterator[Candidate]:
@@ -132,9 +132,7 @@ def _reorders(tree: Tree, candidate: Candidate) -> Iterator[Candidate]:
                 yield Candidate(candidate.states, order)
 
 
-def _distinct(
-    ranked: list[tuple[float, Candidate]], num_best: int, num_angles: int
-) -> list[tuple[float, Candidate]]:
+def _distinct(ranked: list[tuple[float, Candidate]], num_best: int, num_angles: int) -> list[tuple[float, Candidate]]:
     """Drop poses that differ from a better one only by small steps or by an order of layers."""
     kept: list[tuple[float, Candidate]] = []
     for cost, candidate in ranked:

@@ -8,7 +8,7 @@ from wildpuppet.geometry import affine
 from wildpuppet.types import Crops, Puppet
 
 SAME_BOX = 0.6
-"""Overlap (intersection over union) of box and rest box above which a puppet drawn on this very video is left as it is."""
+"""Overlap (intersection over union) of box and rest box from which a puppet drawn on this very video stays in place."""
 
 
 def rest_box(puppet: Puppet) -> Float[np.ndarray, "4"]:
@@ -21,8 +21,8 @@ def rest_box(puppet: Puppet) -> Float[np.ndarray, "4"]:
         rows, columns = np.nonzero(puppet.atlas[first[1] : last[1], first[0] : last[0], 3] > 127)
         if len(rows):
             corner = first + rest[0] - uv[0]
-            low = np.minimum(low, corner + (columns.min(), rows.min()))
-            high = np.maximum(high, corner + (columns.max() + 1, rows.max() + 1))
+            low = np.minimum(low, corner + np.array([columns.min(), rows.min()]))
+            high = np.maximum(high, corner + np.array([columns.max(), rows.max()]) + 1)
     if not np.isfinite(low).all():
         raise PuppetError("the puppet's parts are fully transparent; expected drawings with opaque pixels")
     return np.concatenate([low, high - low])
@@ -51,7 +51,9 @@ def size_of(crop_from_canvas: Float[np.ndarray, "2 3"]) -> float:
     return float(np.sqrt(abs(np.linalg.det(crop_from_canvas[:, :2]))))
 
 
-def pose_vertices(puppet: Puppet, crop_from_canvas: Float[np.ndarray, "*batch L 2 3"]) -> Float[np.ndarray, "*batch V 2"]:
+def pose_vertices(
+    puppet: Puppet, crop_from_canvas: Float[np.ndarray, "*batch L 2 3"]
+) -> Float[np.ndarray, "*batch V 2"]:
     """Move every layer's rest vertices by its map."""
     maps = crop_from_canvas[..., puppet.layer_of_vertex, :, :]
     moved: Float[np.ndarray, "*batch V 2"] = (maps[..., :2] @ puppet.vertices[:, :, None])[..., 0] + maps[..., 2]

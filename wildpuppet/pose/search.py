@@ -5,6 +5,7 @@ then whole poses judged by the composite (METHOD section 4, item 1). The puppet'
 before: neighbouring sizes are tried on the best pose, and the templates of the nearest size are used next.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -52,7 +53,7 @@ class Searcher:
 
     def size_step(self, crop_scale: float) -> int:
         """Round a size (crop pixels per canvas pixel) to its step."""
-        return round(np.log(crop_scale * self.search_from_crop) / np.log(SIZE_STEP))
+        return round(math.log(crop_scale * self.search_from_crop) / math.log(SIZE_STEP))
 
     def at_size(self, step: int) -> tuple[Templates, Texture]:
         """Fetch or make the templates and the texture of a size."""
@@ -96,8 +97,10 @@ def search(
         else:
             starts = []
             if before is not None and crops.ordered and crops.shot[frame] == crops.shot[before]:
-                starts = [(affine.compose(_between(crops, int(frame), int(before))[None], m), o)
-                          for m, o in zip(found[-1][0][:2], found[-1][1][:2], strict=True)]
+                starts = [
+                    (affine.compose(_between(crops, int(frame), int(before))[None], m), o)
+                    for m, o in zip(found[-1][0][:2], found[-1][1][:2], strict=True)
+                ]
             image = crops.images[int(frame) : int(frame) + 1][0]
             maps, order, cost, step = _search_one(
                 searcher, image, step, expected[frame], starts, fixed_size=not crops.ordered
@@ -157,7 +160,8 @@ def _search_one(
         vertices = pose_vertices(searcher.puppet, poses)
         order = np.array([c.order for c in candidates])
         pixels = ev.unexplained_cost(evidence, vertices, order, searcher.mesh, texture)
-        return unit * pixels + np.array([spring_cost(solution, c.states) for c in candidates])
+        costs: Float[np.ndarray, "B"] = unit * pixels + np.array([spring_cost(solution, c.states) for c in candidates])
+        return costs
 
     seeds = [_nearest_candidate(searcher, templates, evidence, m, o) for m, o in starts]
     best = best_candidates(solution, judge, searcher.twins, seeds, searcher.settings.num_best)
@@ -227,7 +231,7 @@ def _hypotheses(
 ) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]:
     """Bring poses to crop pixels and fill up to N with the last at infinite cost."""
     missing = searcher.settings.num_best - len(best)
-    maps = np.stack([_maps_of(searcher, templates, c.states) for _, c in best] )/ searcher.search_from_crop
+    maps = np.stack([_maps_of(searcher, templates, c.states) for _, c in best]) / searcher.search_from_crop
     order = np.array([c.order for _, c in best])
     cost = np.array([value for value, _ in best])
     return (

@@ -81,7 +81,8 @@ def palette_of(images: tuple[PartImage, ...], scale: float, num_colours: int) ->
     num_colours = min(num_colours, len(np.unique(points.round(1), axis=0)))
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.2)
     cv2.setRNGSeed(0)
-    _, _, centres = cv2.kmeans(points.astype(np.float32), num_colours, None, stop, 2, cv2.KMEANS_PP_CENTERS)
+    labels = np.zeros((len(points), 1), np.int32)  # written, not read: no first guess is used
+    _, _, centres = cv2.kmeans(points.astype(np.float32), num_colours, labels, stop, 2, cv2.KMEANS_PP_CENTERS)
     return np.asarray(centres, np.float32)
 
 

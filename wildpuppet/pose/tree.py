@@ -52,9 +52,9 @@ def part_areas(puppet: Puppet) -> Float[np.ndarray, "L"]:
 
 def joint_points(puppet: Puppet) -> Float[np.ndarray, "J 2 2"]:
     """Place each joint's two points at rest, canvas pixels."""
-    points: Float[np.ndarray, "J 2 2"] = (
-        puppet.vertices[puppet.joint_vertices] * puppet.joint_weights[..., None]
-    ).sum(-2)
+    points: Float[np.ndarray, "J 2 2"] = (puppet.vertices[puppet.joint_vertices] * puppet.joint_weights[..., None]).sum(
+        -2
+    )
     return points
 
 
