@@ -45,7 +45,7 @@ LONG_GROUP = {"g": "250", "bf": "5", "b_strategy": "0", "preset": "fast"}
         ("refresh.mp4", "libx264", {"g": "30", "x264-params": "intra-refresh=1"}),
         ("open265.mp4", "libx265", {"x265-params": "keyint=20:bframes=4:open-gop=1:log-level=none", "preset": "fast"}),
         ("programme.mpg", "mpeg2video", {"g": "15", "bf": "2", "b": "2M"}),
-        ("hidden.webm", "libvpx", {"auto-alt-ref": "1", "lag-in-frames": "16", "b": "500k", "cpu-used": "8"}),
+        ("clip.webm", "libvpx", {"deadline": "realtime", "b": "500k", "g": "30"}),
         ("counted.avi", "libx264", {"g": "20", "bf": "3"}),
         ("raw.h264", "libx264", {"g": "20", "bf": "3"}),
     ],

@@ -47,7 +47,7 @@ def open_video(path: Path, threads: int = 0) -> tuple[InputContainer, VideoStrea
     """
     if not path.exists():
         raise InputError(f"{path}: expected a video file, found nothing there; check the path")
-    if not path.is_file():
+    if path.is_dir():
         raise InputError(f"{path}: expected a video file, found a folder; `wildpuppet fit` reads folders of drawings")
     try:
         container = av.open(f"file:{path}", options={"protocol_whitelist": "file"})

@@ -7,7 +7,7 @@ differently long.
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from av.video.stream import VideoStream
 from jaxtyping import Float
 
 from wildpuppet.errors import InputError
-from wildpuppet.machine import Machine
+from wildpuppet.machine import Machine, silent
 from wildpuppet.settings import ProbeSettings
 from wildpuppet.types import Clip
 from wildpuppet.video.decode import (
@@ -60,7 +60,7 @@ def probe(path: Path, settings: ProbeSettings, machine: Machine) -> Clip:
         time_base = _time_base(stream, counted)
     decoded = _decode(path, settings, machine, len(listed), threads=0)
     if len(decoded.times) != len(listed):
-        decoded = _decode(path, settings, machine, len(listed), threads=1)
+        decoded = _decode(path, settings, replace(machine, progress=silent), len(listed), threads=1)
     if not decoded.times:
         raise InputError(f"{path}: expected frames, found none that decode; convert it to MP4 or download it again")
     return _clip(path, [] if counted else listed, decoded, settings, time_base)

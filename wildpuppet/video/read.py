@@ -114,9 +114,11 @@ class FrameReader:
                 return
             else:
                 source = self._packets_from(container, stream, int(self._clip.pts[target]))
+            last = -1
             for count, frame in enumerate(good_frames(stream, source)):
                 index = count if counted else self._index_of.get(frame.pts, -1)
-                if 0 <= index < len(self._shown) and self._shown[index] == index:
+                if last < index < len(self._shown) and self._shown[index] == index:
+                    last = index
                     yield index, frame
 
     def _packets_from(self, container: InputContainer, stream: VideoStream, time: int) -> Iterator[VideoPacket]:
