@@ -142,9 +142,12 @@ class Keeper:
         self.store.note_run(self.name, {**self.note, "keys": keys, "stages": stage_list(questions)})
 
     def finish(self) -> None:
-        """Note the finished run."""
+        """Note the finished run, and forget what was noted of earlier ones into the same OUT: they are written over."""
         self.note = {**self.note, "is_finished": True}
         self._write_note()
+        for name, note in self.store.runs().items():
+            if name != self.name and note["out"] == self.note["out"]:
+                self.store.forget_run(name)
 
     def seconds(self) -> dict[str, float]:
         """Give the seconds that each step's results took when they were made."""

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
+import msgspec
 import tyro
 
 from wildpuppet.errors import InputError
@@ -24,7 +25,7 @@ from wildpuppet.store import Kept, Question, Store, read_json, why
 from .arguments import first_path, value_of
 from .fit_drawings import fit_drawings
 from .keeper import Keeper, flat_digests
-from .presets import read_preset
+from .presets import merged, read_preset
 from .request import Request, request_from
 from .session import STORE, Pipeline
 from .track_video import track_video
@@ -99,18 +100,27 @@ def defaults(argv: Sequence[str]) -> Arguments:
     if config:
         settings = read_preset(config)
     elif path is not None:
-        settings = past_runs(path, Path(value_of(argv, "--store") or STORE))[0].request.settings
+        settings = past_runs(path, Path(value_of(argv, "--store") or STORE))[-1].request.settings
     return Arguments(path=tyro.MISSING, settings=settings)
 
 
 def main(arguments: Arguments) -> None:
     """Print the status of one run, or of all runs on a video."""
-    for past in past_runs(arguments.path, arguments.store):
+    runs = past_runs(arguments.path, arguments.store)
+    changes = {} if arguments.config else _changes(runs[-1].request.settings, arguments.settings)
+    for past in runs:
         state = "" if past.is_finished else " (stopped before its end)"
         sys.stdout.write(f"{past.request.source} -> {past.request.out}{state}\n")
-        request = replace(past.request, settings=arguments.settings)
+        asked = arguments.settings if arguments.config else merged(past.request.settings, changes)
+        request = replace(past.request, settings=asked)
         for step, verdict in status_of(request, Store(arguments.store), past.stages).items():
             sys.stdout.write(f"  {step:<10}{verdict}\n")
+
+
+def _changes(before: Settings, after: Settings) -> dict[str, dict[str, Any]]:
+    """List what flags changed: table -> setting -> value."""
+    old, new = msgspec.to_builtins(before), msgspec.to_builtins(after)
+    return {table: {name: value for name, value in new[table].items() if value != old[table][name]} for table in new}
 
 
 def past_runs(path: Path, store: Path) -> list[Past]:

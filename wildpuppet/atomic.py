@@ -33,7 +33,7 @@ ADVICE = {
     errno.EFBIG: "a file would be larger than the system allows: free some space or raise the limit",
     errno.EACCES: "no permission: make the folder writable",
     errno.EPERM: "no permission: make the folder writable",
-    errno.EROFS: "the disk is read-only: choose a folder that can be written",
+    errno.EROFS: "the disk is read-only: make it writable",
     errno.ENOTDIR: "a file stands where a folder is expected: move it",
     errno.EEXIST: "a file stands where a folder is expected: move it",
     errno.ENAMETOOLONG: "the path is too long: choose a shorter one",
@@ -51,9 +51,14 @@ def disk_errors(folder: Path) -> Iterator[None]:
         if number not in ADVICE:
             raise
         raise StoreError(
-            f"{folder}: cannot write ({os.strerror(number)}); {ADVICE[number]}, or choose another folder; "
+            f"{_shown(folder)}: cannot write ({os.strerror(number)}); {ADVICE[number]}, or choose another folder; "
             "what was finished is kept"
         ) from error
+
+
+def _shown(folder: Path) -> Path:
+    """Name the place that a person knows rather than the folder that is being written beside it."""
+    return next((place.parent for place in (folder, *folder.parents) if place.name.startswith(PREFIX)), folder)
 
 
 @contextmanager

@@ -241,8 +241,9 @@ class Store:
         atomic.write_text(self.folder / "runs" / f"{name}.json", json.dumps(note, indent=1, sort_keys=True) + "\n")
 
     def runs(self) -> dict[str, dict[str, Any]]:
-        """Give the notes of all runs by name."""
-        return {path.stem: read_json(path) for path in sorted((self.folder / "runs").glob("*.json"))}
+        """Give the notes of all runs by name, newest last."""
+        paths = sorted((self.folder / "runs").glob("*.json"), key=lambda path: (path.stat().st_mtime_ns, path))
+        return {path.stem: read_json(path) for path in paths}
 
     def forget_run(self, name: str) -> None:
         """Remove a run's note."""

@@ -190,3 +190,23 @@ def test_prune_clears_what_no_run_refers_to(tmp_path: Path, capsys: pytest.Captu
     assert "cleared 3 results" in capsys.readouterr().out
     assert drawn.run() == 0
     assert made_now(capsys.readouterr().err) == []
+
+
+def test_status_of_a_video_shows_every_run_on_it_with_its_own_settings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drawn = drawn_in(tmp_path)
+    store = ["--store", str(tmp_path / "store")]
+    assert drawn.run("--until", "puppet", out="first") == 0
+    assert drawn.run("--until", "puppet", "--puppet.edge", "0.3", out="second") == 0
+    capsys.readouterr()
+    assert run_command(["status", str(drawn.video), *store]) == 0
+    told = capsys.readouterr().out
+    assert [line.split()[-5] for line in told.splitlines() if "->" in line and "clip.mp4" in line] == [
+        str(tmp_path / "first"),
+        str(tmp_path / "second"),
+    ]
+    assert told.count("puppet    kept") == 2
+    assert told.count("stopped before its end") == 2
+    assert run_command(["status", str(drawn.video), *store, "--puppet.margin", "5"]) == 0
+    assert capsys.readouterr().out.count("would run because settings.puppet.margin 4.0 -> 5.0") == 2
