@@ -97,9 +97,9 @@ class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Palette size of the part templates. Higher tells similar shades apart and costs time."""
     hinge_slack: Positive = 0.03
     """How far a hinge opens at the cost ``hinge``, as a share of the character's size; beyond, the cost is linear."""
-    hinge: NotNegative = 0.04
+    hinge: NotNegative = 0.025
     """Cost of a hinge that opens by its slack, in units of an average part's evidence. Higher holds limbs tighter."""
-    hinge_reach: Share = 0.12
+    hinge_reach: Share = 0.2
     """Farthest opening of a hinge, as a share of the character's size."""
     turn: NotNegative = 0.05
     """Cost of turning a part against its parent, per squared radian (linear beyond half a radian)."""

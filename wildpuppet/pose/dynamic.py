@@ -42,6 +42,16 @@ def pull_table(slack: float, cost: float, reach: int) -> Float[np.ndarray, "R"]:
 
 
 @dataclass(frozen=True, eq=False)
+class Link:
+    """An edge at the templates' scale: offsets (x, y) from the parent's and the child's pivot to the joint."""
+
+    edge: Edge
+    from_parent: Int[np.ndarray, "K 2"]
+    from_child: Int[np.ndarray, "K 2"]
+    pull: Float[np.ndarray, "R"]
+
+
+@dataclass(frozen=True, eq=False)
 class Solution:
     """Accumulated cost of every part at every (angle, y, x): its own template and everything below it."""
 
@@ -50,7 +60,8 @@ class Solution:
     springs: Springs
     images: tuple[PartImage, ...]
     accumulated: tuple[Float[np.ndarray, "K H W"], ...]
-    links: dict[int, Edge]
+    links: dict[int, Link]
+    turn: Float[np.ndarray, "K"]
 
 
 State = tuple[int, int, int]
@@ -81,15 +92,22 @@ def solve(
 ) -> Solution:
     """Pass messages from the leaves to the root."""
     accumulated = [cost.copy() for cost in unary]
+    links = {
+        edge.child: Link(
+            edge,
+            joint_offsets(images[edge.parent], templates, edge.at),
+            joint_offsets(images[edge.child], templates, edge.at),
+            springs.pull(edge.is_hinge),
+        )
+        for edge in tree.edges
+    }
+    turn = turn_costs(templates.radians, springs.turn)
     for edge in reversed(tree.edges):
-        to_joint = -joint_offsets(images[edge.child], templates, edge.at)
-        message = kernels.shift_each(accumulated[edge.child], to_joint, OUTSIDE)
-        message = kernels.spring_transform(message, springs.pull(edge.is_hinge))
-        message = kernels.turn_transform(message, turn_costs(templates.radians, springs.turn))
-        from_pivot = joint_offsets(images[edge.parent], templates, edge.at)
-        accumulated[edge.parent] += kernels.shift_each(message, from_pivot, OUTSIDE)
-    links = {edge.child: edge for edge in tree.edges}
-    return Solution(tree, templates, springs, images, tuple(accumulated), links)
+        link = links[edge.child]
+        message = kernels.shift_each(accumulated[edge.child], -link.from_child, OUTSIDE)
+        message = kernels.turn_transform(kernels.spring_transform(message, link.pull), turn)
+        accumulated[edge.parent] += kernels.shift_each(message, link.from_parent, OUTSIDE)
+    return Solution(tree, templates, springs, images, tuple(accumulated), links, turn)
 
 
 def root_modes(solution: Solution, num: int, apart: int) -> list[tuple[float, State]]:
@@ -111,16 +129,12 @@ def root_modes(solution: Solution, num: int, apart: int) -> list[tuple[float, St
 
 def child_modes(solution: Solution, child: int, parent_state: State, num: int) -> list[tuple[float, State]]:
     """List a child's best states given its parent's, best first, no two at neighbouring angles."""
-    edge, templates, springs = solution.links[child], solution.templates, solution.springs
-    costs = solution.accumulated[child]
+    link, costs = solution.links[child], solution.accumulated[child]
     num_angles, height, width = costs.shape
-    arm = joint_offsets(solution.images[edge.parent], templates, edge.at)[parent_state[0]]
-    joint = np.array(parent_state[1:]) + arm
-    pivots = joint - joint_offsets(solution.images[child], templates, edge.at)
-    turn = turn_costs(templates.radians, springs.turn)[(np.arange(num_angles) - parent_state[0]) % num_angles]
-    table = springs.pull(edge.is_hinge)
-    span = np.arange(1 - len(table), len(table))
-    pull = table[np.abs(span)][:, None] + table[np.abs(span)]
+    pivots = np.array(parent_state[1:]) + link.from_parent[parent_state[0]] - link.from_child
+    turn = solution.turn[(np.arange(num_angles) - parent_state[0]) % num_angles]
+    span = np.arange(1 - len(link.pull), len(link.pull))
+    pull = link.pull[np.abs(span)][:, None] + link.pull[np.abs(span)]
     rows, columns = pivots[:, 1, None] + span, pivots[:, 0, None] + span
     inside = ((rows >= 0) & (rows < height))[:, :, None] & ((columns >= 0) & (columns < width))[:, None]
     window = costs[

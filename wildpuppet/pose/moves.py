@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from wildpuppet.pose.dynamic import Solution, State, child_modes, descend, joint_offsets, root_modes, turn_costs
+from wildpuppet.pose.dynamic import Solution, State, child_modes, descend, root_modes
 from wildpuppet.pose.tree import Tree
 
 
@@ -60,19 +60,17 @@ def best_candidates(
     return _distinct([(pool[c], c) for c in ranked], num_best, len(solution.templates.radians))
 
 
-def spring_cost(solution: Solution, states: tuple[State, ...]) -> float:
-    """Sum the springs' and turns' costs of a whole pose."""
-    total, templates, springs = 0.0, solution.templates, solution.springs
-    num_angles = len(templates.radians)
-    for edge in solution.tree.edges:
-        parent, child = states[edge.parent], states[edge.child]
-        a = np.array(parent[1:]) + joint_offsets(solution.images[edge.parent], templates, edge.at)[parent[0]]
-        b = np.array(child[1:]) + joint_offsets(solution.images[edge.child], templates, edge.at)[child[0]]
-        turn = turn_costs(templates.radians, springs.turn)[(child[0] - parent[0]) % num_angles]
-        table = springs.pull(edge.is_hinge)
+def spring_cost(solution: Solution, states: Int[np.ndarray, "B L 3"]) -> Float[np.ndarray, "B"]:
+    """Sum the springs' and turns' costs of whole poses."""
+    total = np.zeros(len(states))
+    for link in solution.links.values():
+        parent, child = states[:, link.edge.parent], states[:, link.edge.child]
+        a = parent[:, 1:] + link.from_parent[parent[:, 0]]
+        b = child[:, 1:] + link.from_child[child[:, 0]]
         gap = np.abs(a - b)
-        beyond = np.maximum(gap - len(table) + 1, 0)
-        total += float((table[gap - beyond] + beyond * (table[-1] - table[-2])).sum()) + float(turn)
+        beyond = np.maximum(gap - len(link.pull) + 1, 0)
+        total += (link.pull[gap - beyond] + beyond * (link.pull[-1] - link.pull[-2])).sum(1)
+        total += solution.turn[(child[:, 0] - parent[:, 0]) % len(solution.turn)]
     return total
 
 
@@ -101,10 +99,9 @@ def _swaps(
         for mine, other in ((first, second), (second, first)):
             for layer, model in zip(mine, other, strict=True):
                 angle = _angle_to_match(solution, layer, model, candidate.states[model])
-                edge = solution.links[layer]
-                arm = joint_offsets(solution.images[edge.parent], solution.templates, edge.at)
-                back = joint_offsets(solution.images[layer], solution.templates, edge.at)
-                pivot = np.array(states[edge.parent][1:]) + arm[states[edge.parent][0]] - back[angle]
+                link = solution.links[layer]
+                parent = states[link.edge.parent]
+                pivot = np.array(parent[1:]) + link.from_parent[parent[0]] - link.from_child[angle]
                 height, width = solution.accumulated[layer].shape[1:]
                 states[layer] = (angle, int(np.clip(pivot[0], 0, width - 1)), int(np.clip(pivot[1], 0, height - 1)))
         yield Candidate(tuple(states[layer] for layer in range(len(states))), candidate.order)
@@ -113,7 +110,7 @@ def _swaps(
 def _angle_to_match(solution: Solution, layer: int, model: int, model_state: State) -> int:
     def rest_direction(part: int) -> float:
         image = solution.images[part]
-        arm = image.pivot - np.asarray(solution.links[part].at)
+        arm = image.pivot - np.asarray(solution.links[part].edge.at)
         return float(np.arctan2(arm[1], arm[0]))
 
     radians = solution.templates.radians

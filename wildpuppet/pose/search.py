@@ -160,7 +160,7 @@ def _search_one(
         vertices = pose_vertices(searcher.puppet, poses)
         order = np.array([c.order for c in candidates])
         pixels = ev.unexplained_cost(evidence, vertices, order, searcher.mesh, texture)
-        costs: Float[np.ndarray, "B"] = unit * pixels + np.array([spring_cost(solution, c.states) for c in candidates])
+        costs: Float[np.ndarray, "B"] = unit * pixels + spring_cost(solution, np.array([c.states for c in candidates]))
         return costs
 
     seeds = [_nearest_candidate(searcher, templates, evidence, m, o) for m, o in starts]
