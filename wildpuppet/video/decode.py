@@ -58,8 +58,10 @@ def open_video(path: Path, threads: int = 0) -> tuple[InputContainer, VideoStrea
     if stream is None:
         container.close()
         raise InputError(f"{path}: expected a video file, found no video stream in it; give a file with pictures")
-    stream.thread_type = "NONE" if threads == 1 else "AUTO"
-    stream.codec_context.thread_count = threads
+    # Frames that are counted cannot show that one was lost, so there the number of threads must not matter either.
+    is_single = threads == 1 or is_counted(container)
+    stream.thread_type = "NONE" if is_single else "AUTO"
+    stream.codec_context.thread_count = 1 if is_single else threads
     return container, stream
 
 

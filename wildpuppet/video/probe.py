@@ -59,7 +59,7 @@ def probe(path: Path, settings: ProbeSettings, machine: Machine) -> Clip:
         counted = is_counted(container)
         time_base = _time_base(stream, counted)
     decoded = _decode(path, settings, machine, len(listed), threads=0)
-    if len(decoded.times) != len(listed):
+    if decoded.times != (list(range(len(listed))) if counted else listed):
         decoded = _decode(path, settings, replace(machine, progress=silent), len(listed), threads=1)
     if not decoded.times:
         raise InputError(f"{path}: expected frames, found none that decode; convert it to MP4 or download it again")

@@ -78,24 +78,32 @@ class FrameReader:
     def _pictures(self, start: int, end: int) -> Iterator[tuple[int, UInt8[np.ndarray, "H W 3"]]]:
         if start == end:
             return
-        with closing(self._good_from(int(self._shown[start]))) as decoded:
-            held = -1
+        held, decoded = -1, self._good_from(int(self._shown[start]))
+        try:
             for number in range(start, end):
-                if self._shown[number] != held:
+                wanted = int(self._shown[number])
+                if wanted != held:
                     held, frame = next(decoded, (-1, None))
-                    if held != self._shown[number] or frame is None:
-                        raise self._changed(number)
+                    if held != wanted or frame is None:  # a decoder of several threads lost it in a damaged file
+                        decoded.close()
+                        decoded = self._good_from(wanted)
+                        held, frame = next(decoded)
                     picture = rgb_of(frame, self._clip.size)
                 yield number, picture
+        finally:
+            decoded.close()
 
     def _good_from(self, first: int) -> Generator[tuple[int, VideoFrame], None, None]:
         """Yield (number, frame) of good frames from ``first``, which is good, by the nearest way that leads there.
 
-        What hides a damaged frame depends on the frames decoded before it, so nothing is skipped once there was one.
+        What hides damage depends on the frames decoded before it, so nothing is skipped in a damaged file; one that
+        merely breaks off is not damaged.
         """
-        is_damaged = any(bad < first for bad in self._clip.bad_frames)
-        for target in [None] if is_damaged else [first, max(0, first - 4 * READ_ON), None]:
-            with closing(self._decode_from(target)) as run:
+        bad = self._clip.bad_frames
+        is_damaged = bool(bad) and min(bad) < self._clip.num_frames - len(bad)
+        near = [] if is_damaged else [(first, self._threads), (max(0, first - 4 * READ_ON), self._threads)]
+        for target, threads in [*near, (0, 1)]:
+            with closing(self._decode_from(target, threads)) as run:
                 head = next((found for found in run if found[0] >= first), None)
                 if head is not None and head[0] == first:
                     yield head
@@ -103,12 +111,12 @@ class FrameReader:
                     return
         raise self._changed(first)
 
-    def _decode_from(self, target: int | None) -> Generator[tuple[int, VideoFrame], None, None]:
-        """Decode from the key frame at or before ``target``, or from the start; nothing when there is no such key."""
-        container, stream = open_video(self._clip.path, self._threads)
+    def _decode_from(self, target: int, threads: int) -> Generator[tuple[int, VideoFrame], None, None]:
+        """Decode from the key frame at or before ``target``, nothing when there is none; 0 is the file's start."""
+        container, stream = open_video(self._clip.path, threads)
         with container:
             counted = is_counted(container)
-            if target is None or target == 0:
+            if target == 0:
                 source = packets(container, stream)
             elif counted:
                 return
