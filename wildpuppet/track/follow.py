@@ -15,8 +15,12 @@ from wildpuppet.errors import InputError
 from wildpuppet.machine import Machine
 from wildpuppet.settings import TrackSettings
 from wildpuppet.track.appearance import Appearance
-from wildpuppet.track.follower import Follower, Seen
+from wildpuppet.track.colours import Colours, colours_of_box
+from wildpuppet.track.evidence import learn_colours
+from wildpuppet.track.follower import Follower, Seen, shifted
+from wildpuppet.track.scene import Scene, region_around
 from wildpuppet.track.smooth import bridge, fill, runs_of, smooth
+from wildpuppet.track.survey import Survey, survey
 from wildpuppet.track.trackers import make_tracker
 from wildpuppet.track.working import Working, working_for
 from wildpuppet.types import Clip, Target, Track, TrackState
@@ -40,20 +44,42 @@ def track(clip: Clip, target: Target, settings: TrackSettings, machine: Machine)
     first = working.image(reader.frame(target.at))
     box = working.box_in(target.box_video)
     maker = make_tracker(settings)
-    total = target.end - target.start
-    seen: dict[int, Seen] = {target.at: Seen(box, 1.0, "followed")}
-    for indices_and_images in (
+    scene, colours = learn_scene(clip, target, reader, working, machine)
+    seen = {target.at: Seen(box, 1.0, "followed")}
+    num_frames = target.end - target.start
+    for walk in (
         forward_images(reader, working, target.at + 1, target.end),
         backward_images(reader, working, target.start, target.at),
     ):
-        follower = Follower(maker, Appearance(first, box), settings, first, box)
+        follower = Follower(maker, Appearance(first, box, colours), scene, settings, first, box, working.pad)
         previous = target.at
-        for index, image in indices_and_images:
-            is_cut = shot_of(clip, index) != shot_of(clip, previous)
-            seen[index] = follower.step(image, is_cut)
+        for index, image in walk:
+            seen[index] = follower.step(image, index, shot_of(clip, index) != shot_of(clip, previous))
             previous = index
-            machine.progress(len(seen), total)
+            machine.progress(num_frames + len(seen), 2 * num_frames)
     return assemble(clip, target, settings, working, seen)
+
+
+def learn_scene(
+    clip: Clip, target: Target, reader: FrameReader, working: Working, machine: Machine
+) -> tuple[Scene, Colours]:
+    """Learn the backgrounds, and from them and the given box the character's colours."""
+    picture = working.inner(working.image(reader.frame(target.at)))
+    box = shifted(working.box_in(target.box_video), -working.pad)
+    scene = Scene(look_through(clip, target, reader, working, machine), target.start)
+    scene.claim(picture, target.at, box)
+    region = region_around((picture.shape[1], picture.shape[0]), box, 0.0)
+    if region is None:
+        return scene, colours_of_box(picture, box)
+    return scene, learn_colours(picture, target.at, scene, region, box)
+
+
+def look_through(clip: Clip, target: Target, reader: FrameReader, working: Working, machine: Machine) -> Survey:
+    """Find the camera's motion and the background of each shot in a first pass over the range."""
+    num_frames = target.end - target.start
+    pictures = (working.inner(image) for _, image in forward_images(reader, working, target.start, target.end))
+    shot = np.array([shot_of(clip, index) for index in range(target.start, target.end)])
+    return survey(pictures, shot, lambda t: None, lambda done: machine.progress(done, 2 * num_frames))
 
 
 def assemble(clip: Clip, target: Target, settings: TrackSettings, working: Working, seen: dict[int, Seen]) -> Track:

@@ -1,21 +1,41 @@
-"""One walk in one direction: an OpenCV tracker, our own judgement of its boxes, and the search when it fails."""
+"""One walk in one direction.
+
+An OpenCV tracker says where the character went; what differs from the learnt background and has the character's
+colours (``scene.py``, ``appearance.py``) says how far it reaches, side by side; where both disagree for a while the
+tracker starts again. Our own score judges the box, and a lost character is looked for over the whole frame.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
 from wildpuppet.settings import TrackSettings
 from wildpuppet.track.appearance import Appearance
+from wildpuppet.track.evidence import Evidence, gather
+from wildpuppet.track.extent import measure, piece_boxes, pulled
+from wildpuppet.track.scene import Region, Scene, region_around
 from wildpuppet.track.search import find
 from wildpuppet.track.trackers import Box, OpenCVTracker
 from wildpuppet.types import TrackState
 
 # A searched-for box must look surer than a followed one before it counts as the character.
-FOUND_ABOVE_LOST = 0.12
+FOUND_ABOVE_LOST = 0.15
 # The running picture learns only from boxes that are surely the character.
 SURE_ABOVE_LOST = 0.2
+# Share of the score that the foreground decides where the background is known.
+PRESENCE_WEIGHT = 0.5
+# The background is compared this far beyond the predicted box, as a share of its larger side.
+REACH = 0.3
+# The box is moved to where the foreground is only if the character has surely moved away.
+LEAST_AWAY = 0.5
+# A side follows its measurement by this share, and by at most this share of the box in one frame.
+GAIN, MOST_CHANGE = 0.5, 0.1
+# Where the background is not known, a box grows by at most this factor over its remembered size, which follows slowly.
+MOST_GROWTH, MEMORY_RATE = 1.2, 0.03
+# The tracker starts again when its box overlaps the measured one less than this for so many frames.
+AGREEMENT, PATIENCE = 0.55, 3
 
 
 @dataclass(frozen=True)
@@ -28,18 +48,23 @@ class Seen:
 
 
 class Follower:
-    """Follows from image to image; ``step`` is called once per frame, in the order of the walk."""
+    """Follows from image to image; ``step`` is called once per frame, in the order of the walk.
+
+    Images are padded working copies; boxes are in their pixels.
+    """
 
     def __init__(
         self,
         maker: Callable[[], OpenCVTracker],
         appearance: Appearance,
+        scene: Scene,
         settings: TrackSettings,
         image: UInt8[np.ndarray, "h w 3"],
         box: Box,
+        pad: int,
     ) -> None:
-        self.maker, self.appearance, self.settings = maker, appearance, settings
-        self.box = box
+        self.maker, self.appearance, self.scene = maker, appearance, scene
+        self.settings, self.pad = settings, pad
         self.is_lost = False
         self.start(image, box)
 
@@ -48,29 +73,117 @@ class Follower:
         self.tracker = self.maker()
         x, y, w, h = (round(value) for value in box)
         self.tracker.init(image, (x, y, max(w, 2), max(h, 2)))
+        self.box = self.tracked = box
+        self.size = np.array(box[2:])
+        self.disagreements = 0
 
-    def step(self, image: UInt8[np.ndarray, "h w 3"], is_cut: bool) -> Seen:
+    def step(self, image: UInt8[np.ndarray, "h w 3"], index: int, is_cut: bool) -> Seen:
         """Look at the next frame; ``is_cut``: it belongs to another shot than the last."""
-        if is_cut:
-            self.is_lost = True
-        if self.is_lost:
-            return self.look_again(image)
+        self.is_lost = self.is_lost or is_cut
+        return self.look_again(image, index) if self.is_lost else self.follow(image, index)
+
+    def follow(self, image: UInt8[np.ndarray, "h w 3"], index: int) -> Seen:
+        """Ask the tracker, then measure how far the character reaches."""
         _, found = self.tracker.update(image)
-        box = (float(found[0]), float(found[1]), float(found[2]), float(found[3]))
-        score = self.appearance.score(image, box)
+        tracked = (float(found[0]), float(found[1]), float(found[2]), float(found[3]))
+        predicted = carried(self.box, self.tracked, tracked)
+        self.tracked = tracked
+        evidence = self.evidence(image, index, predicted)
+        box = predicted if evidence is None else self.measured(evidence, predicted)
+        look, score = self.judge(image, evidence, box)
         if score < self.settings.lost_score:
             self.is_lost = True
-            return self.look_again(image)
+            return self.look_again(image, index)
         self.box = box
-        if score > self.settings.lost_score + SURE_ABOVE_LOST:
+        if self.disagreements >= PATIENCE:
+            self.start(image, box)
+        elif look > self.settings.lost_score + SURE_ABOVE_LOST:
             self.appearance.update(image, box)
         return Seen(box, score, "followed")
 
-    def look_again(self, image: UInt8[np.ndarray, "h w 3"]) -> Seen:
+    def evidence(self, image: UInt8[np.ndarray, "h w 3"], index: int, box: Box) -> Evidence | None:
+        """Gather what background and colour say around a box; None where it lies outside the frame."""
+        picture = self.inner(image)
+        region = region_around((picture.shape[1], picture.shape[0]), shifted(box, -self.pad), REACH)
+        if region is None:
+            return None
+        return gather(picture, index, self.scene, self.appearance.colours, region, shifted(box, -self.pad))
+
+    def inner(self, image: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "a b 3"]:
+        """Take the padding off."""
+        return image[self.pad : image.shape[0] - self.pad, self.pad : image.shape[1] - self.pad]
+
+    def measured(self, evidence: Evidence, predicted: Box) -> Box:
+        """Move the predicted box to the foreground, or each of its sides towards the foreground's edge."""
+        inner = shifted(predicted, -self.pad)
+        surely_away = evidence.moved_away > LEAST_AWAY
+        better = pulled(np.clip(evidence.odds / 4.0, -0.4, 1.0), evidence.region, inner)
+        if surely_away and better != inner:
+            self.disagreements = PATIENCE
+            return shifted(better, self.pad)
+        extent = measure(evidence.mask(inner), evidence.colour, evidence.region, inner)
+        if extent is None:
+            return predicted
+        found, free = extent
+        limit = MOST_CHANGE * np.array([predicted[2], predicted[3]] * 2)
+        change = np.clip(GAIN * (to_sides(found) - to_sides(inner)), -limit, limit) * np.array(free)
+        left, top, right, bottom = to_sides(predicted) + change
+        box = self.bounded(evidence, (float(left), float(top), float(right - left), float(bottom - top)))
+        self.disagreements = self.disagreements + 1 if overlap(self.tracked, box) < AGREEMENT else 0
+        return box
+
+    def bounded(self, evidence: Evidence, box: Box) -> Box:
+        """Keep the size near what it was for a while, the less of the background is known inside the box."""
+        share = evidence.presence(shifted(box, -self.pad))[1]
+        self.size = (1 - MEMORY_RATE) * self.size + MEMORY_RATE * np.array(box[2:])
+        most = self.size * (MOST_GROWTH + share)
+        width, height = np.minimum(np.array(box[2:]), most)
+        return box[0] + (box[2] - width) / 2, box[1] + (box[3] - height) / 2, float(width), float(height)
+
+    def judge(self, image: UInt8[np.ndarray, "h w 3"], evidence: Evidence | None, box: Box) -> tuple[float, float]:
+        """Return how much a box looks like the character, and the same with what the background says."""
+        look = self.appearance.score(image, box)
+        presence, share = (0.0, 0.0) if evidence is None else evidence.presence(shifted(box, -self.pad))
+        weight = PRESENCE_WEIGHT * share
+        return look, (1 - weight) * look + weight * presence
+
+    def look_again(self, image: UInt8[np.ndarray, "h w 3"], index: int) -> Seen:
         """Search the whole frame; start again where the character surely is."""
-        box, score = find(image, self.appearance, self.box[2:])
+        picture = self.inner(image)
+        everywhere = Region(0, 0, picture.shape[1], picture.shape[0])
+        evidence = gather(picture, index, self.scene, self.appearance.colours, everywhere, shifted(self.box, -self.pad))
+        boxes = find(picture, self.appearance, self.box[2:])
+        boxes += piece_boxes(evidence.known & (evidence.odds > 0), self.box[2:])
+        candidates = [shifted(box, self.pad) for box in boxes]
+        scored = [(self.judge(image, evidence, box)[1], box) for box in candidates]
+        score, box = max(scored, default=(0.0, self.box))
         if score < self.settings.lost_score + FOUND_ABOVE_LOST:
             return Seen(self.box, score, "lost")
-        self.box, self.is_lost = box, False
+        self.is_lost = False
         self.start(image, box)
+        self.scene.claim(picture, index, shifted(box, -self.pad))
         return Seen(box, score, "found")
+
+
+def shifted(box: Box, by: float) -> Box:
+    """Move a box along the diagonal."""
+    return box[0] + by, box[1] + by, box[2], box[3]
+
+
+def carried(box: Box, before: Box, after: Box) -> Box:
+    """Move a box as the tracker's box moved; the size is left to the measurement."""
+    dx = after[0] + after[2] / 2 - before[0] - before[2] / 2
+    dy = after[1] + after[3] / 2 - before[1] - before[3] / 2
+    return box[0] + dx, box[1] + dy, box[2], box[3]
+
+
+def to_sides(box: Box) -> np.ndarray:
+    """Return left, top, right, bottom."""
+    return np.array([box[0], box[1], box[0] + box[2], box[1] + box[3]])
+
+
+def overlap(first: Box, second: Box) -> float:
+    """Intersection over union."""
+    a, b = to_sides(first), to_sides(second)
+    shared = float(np.prod(np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0.0)))
+    return shared / max(first[2] * first[3] + second[2] * second[3] - shared, 1e-9)

@@ -1,8 +1,8 @@
 """Looking for a lost character over the whole frame.
 
 Two maps are added at a few scales: the correlation with the reference and the running picture, and the mean of
-the character's distinctive colours inside a box minus that around it. The best few places are then judged by
-``Appearance.score``, which alone decides.
+the character's distinctive colours inside a box minus that around it. The best few places are
+only proposed; the follower judges them.
 """
 
 import cv2
@@ -18,11 +18,11 @@ SEARCH_PIXELS = 28
 NUM_CANDIDATES = 6
 
 
-def find(image: UInt8[np.ndarray, "h w 3"], appearance: Appearance, size: tuple[float, float]) -> tuple[Box, float]:
-    """Return the most likely box of about this size (working pixels) and its score."""
+def find(image: UInt8[np.ndarray, "h w 3"], appearance: Appearance, size: tuple[float, float]) -> list[Box]:
+    """Return the most likely boxes of about this size, best first."""
     shrink = min(1.0, SEARCH_PIXELS / max(size))
     small = cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-    colours = appearance.probability(small)
+    colours = appearance.colours.probability(small)
     candidates: list[tuple[float, Box]] = []
     for scale in SCALES:
         w, h = max(round(size[0] * shrink * scale), 4), max(round(size[1] * shrink * scale), 4)
@@ -30,12 +30,7 @@ def find(image: UInt8[np.ndarray, "h w 3"], appearance: Appearance, size: tuple[
             continue
         candidates += peaks(likelihood(small, colours, appearance, (w, h)), (w, h))
     candidates.sort(reverse=True)
-    boxes = [(x / shrink, y / shrink, w / shrink, h / shrink) for _, (x, y, w, h) in candidates[:NUM_CANDIDATES]]
-    scored = [(appearance.score(image, box), box) for box in boxes]
-    if not scored:
-        return (0.0, 0.0, *size), 0.0
-    best = max(scored)
-    return best[1], best[0]
+    return [(x / shrink, y / shrink, w / shrink, h / shrink) for _, (x, y, w, h) in candidates[:NUM_CANDIDATES]]
 
 
 def likelihood(

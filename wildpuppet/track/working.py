@@ -29,6 +29,10 @@ class Working:
         padded = cv2.copyMakeBorder(small, self.pad, self.pad, self.pad, self.pad, cv2.BORDER_REPLICATE)
         return cv2.cvtColor(padded, cv2.COLOR_RGB2BGR)
 
+    def inner(self, image: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "a b 3"]:
+        """Take the padding off."""
+        return np.ascontiguousarray(image[self.pad : image.shape[0] - self.pad, self.pad : image.shape[1] - self.pad])
+
     def box_in(self, box_video: Box) -> Box:
         """Take a box from video pixels to working pixels."""
         x, y, w, h = box_video
