@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Int, UInt8
@@ -19,6 +19,7 @@ DRAWINGS_RATE = Fraction(4)
 """Drawings per second in a preview: they have no times of their own, and a person wants to look at each."""
 
 
+@runtime_checkable
 class Source(Protocol):
     """Pictures by frame number, and when each is shown."""
 

@@ -7,7 +7,7 @@ x, y, w, h in the pixels of the images that are given; OpenCV rounds them to who
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -31,6 +31,7 @@ MODEL_FILES = {
 }
 
 
+@runtime_checkable
 class OpenCVTracker(Protocol):
     """What all of OpenCV's trackers do."""
 
