@@ -32,7 +32,7 @@ REACH = 0.3
 LEAST_AWAY = 0.5
 # A side follows its measurement by this share, and by at most this share of the box in one frame.
 GAIN, MOST_CHANGE = 0.5, 0.1
-# Where the background is not known, a box grows by at most this factor over its remembered size, which follows slowly.
+# Where the character hardly leaves its place, a box grows by at most this factor over its remembered size, which follows slowly.
 MOST_GROWTH, MEMORY_RATE = 1.2, 0.03
 # The tracker starts again when its box overlaps the measured one less than this for so many frames.
 AGREEMENT, PATIENCE = 0.55, 3
@@ -89,7 +89,7 @@ class Follower:
         predicted = carried(self.box, self.tracked, tracked)
         self.tracked = tracked
         evidence = self.evidence(image, index, predicted)
-        box = predicted if evidence is None else self.measured(evidence, predicted)
+        box = predicted if evidence is None else self.measured(evidence, index, predicted)
         look, score = self.judge(image, evidence, box)
         if score < self.settings.lost_score:
             self.is_lost = True
@@ -113,7 +113,7 @@ class Follower:
         """Take the padding off."""
         return image[self.pad : image.shape[0] - self.pad, self.pad : image.shape[1] - self.pad]
 
-    def measured(self, evidence: Evidence, predicted: Box) -> Box:
+    def measured(self, evidence: Evidence, index: int, predicted: Box) -> Box:
         """Move the predicted box to the foreground, or each of its sides towards the foreground's edge."""
         inner = shifted(predicted, -self.pad)
         surely_away = evidence.moved_away > LEAST_AWAY
@@ -128,16 +128,16 @@ class Follower:
         limit = MOST_CHANGE * np.array([predicted[2], predicted[3]] * 2)
         change = np.clip(GAIN * (to_sides(found) - to_sides(inner)), -limit, limit) * np.array(free)
         left, top, right, bottom = to_sides(predicted) + change
-        box = self.bounded(evidence, (float(left), float(top), float(right - left), float(bottom - top)))
+        box = self.bounded(index, (float(left), float(top), float(right - left), float(bottom - top)))
         self.disagreements = self.disagreements + 1 if overlap(self.tracked, box) < AGREEMENT else 0
         return box
 
-    def bounded(self, evidence: Evidence, box: Box) -> Box:
-        """Keep the size near what it was for a while, the less of the background is known inside the box."""
-        share = evidence.presence(shifted(box, -self.pad))[1]
+    def bounded(self, index: int, box: Box) -> Box:
+        """Where the character hardly leaves its place, keep the size near what it was for a while."""
         self.size = (1 - MEMORY_RATE) * self.size + MEMORY_RATE * np.array(box[2:])
-        most = self.size * (MOST_GROWTH + share)
-        width, height = np.minimum(np.array(box[2:]), most)
+        if self.scene.is_settled(index):
+            return box
+        width, height = np.minimum(np.array(box[2:]), MOST_GROWTH * self.size)
         return box[0] + (box[2] - width) / 2, box[1] + (box[3] - height) / 2, float(width), float(height)
 
     def judge(self, image: UInt8[np.ndarray, "h w 3"], evidence: Evidence | None, box: Box) -> tuple[float, float]:

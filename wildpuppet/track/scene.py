@@ -33,6 +33,8 @@ CHANGED = 4.0
 GUARD = 0.04
 # Log-odds for foreground of a pixel equal to trusted background, and of one that differs much.
 SAME, DIFFERENT = -3.0, 4.0
+# Where the character hardly leaves its place, other things that move are as likely: its colours must decide.
+DIFFERENT_UNSETTLED = 0.7
 # The same for doubtful background, once the character has moved away.
 SAME_INSIDE, DIFFERENT_INSIDE = -1.5, 0.5
 
@@ -80,6 +82,7 @@ class Scene:
         self.background = {shot: plate.colour.copy() for shot, plate in survey.plates.items()}
         self.noise = LEAST_NOISE
         self.claimed: set[int] = set()
+        self.settled: set[int] = set()
 
     def claim(self, picture: UInt8[np.ndarray, "h w 3"], index: int, box: Box) -> None:
         """Learn from a picture in which the character's box is surely known; once per shot, the first time."""
@@ -105,6 +108,11 @@ class Scene:
         drawn, behind = moved[inside_view & changed], self.background[shot][inside_view & changed]
         if self.walks_about(shot, drawn, behind):
             trust[inside_view] = TRUSTED
+            self.settled.add(shot)
+
+    def is_settled(self, index: int) -> bool:
+        """Say whether the background is known inside the claimed box too, in the shot of this frame."""
+        return int(self.survey.shot[index - self.start]) in self.settled
 
     def walks_about(
         self, shot: int, drawn: UInt8[np.ndarray, "n 3"], behind: UInt8[np.ndarray, "n 3"]
@@ -156,7 +164,8 @@ class Scene:
         slope = np.abs(cv2.Sobel(gray, cv2.CV_32F, 1, 0)) + np.abs(cv2.Sobel(gray, cv2.CV_32F, 0, 1))
         variance = self.noise**2 + spread.astype(np.float32) ** 2 + (LOOSENESS / 8 * slope) ** 2
         distance = 0.25 * cv2.blur((difference**2).sum(2) / variance, (3, 3))
-        odds: np.ndarray = np.clip(SAME + distance, SAME, DIFFERENT)
+        most = DIFFERENT if shot in self.settled else DIFFERENT_UNSETTLED
+        odds: np.ndarray = np.clip(SAME + distance, SAME, most)
         doubtful: np.ndarray = np.clip(SAME_INSIDE + distance, SAME_INSIDE, DIFFERENT_INSIDE)
         return Foreground(odds, known, doubtful, (trust >= DOUBTFUL) & ~known)
 
