@@ -156,7 +156,7 @@ def worse_poses(scene: Scene, puppet: Puppet, true: np.ndarray) -> dict[str, np.
 
 def about(points: np.ndarray, degrees: float) -> np.ndarray:
     """Turn about the points' middle."""
-    turn, middle = affine.similarity(np.array(1.0), np.radians(degrees), np.zeros(2)), points.mean(0)
+    turn, middle = affine.similarity(np.array(1.0), np.array(np.radians(degrees)), np.zeros(2)), points.mean(0)
     turn[:, 2] = middle - turn[:, :2] @ middle
     return turn
 
@@ -167,10 +167,10 @@ def with_swapped_legs(scene: Scene, true: np.ndarray) -> np.ndarray:
     for own, other in (("left", "right"), ("right", "left")):
         for bone in ("thigh", "shin"):
             mine, model = limbs[f"{own}_{bone}"], limbs[f"{other}_{bone}"]
-            linear = true[scene.layer(model.name), :, :2]
-            radians = np.arctan2(linear[1, 0], linear[0, 0]) + mine.rest_radians - model.rest_radians
-            place = affine.similarity(np.array(size_of(linear)), radians, np.zeros(2))
-            hinge = np.array([mine.hinge])
+            map_of_model = true[scene.layer(model.name)]
+            turn = np.arctan2(map_of_model[1, 0], map_of_model[0, 0]) + mine.rest_radians - model.rest_radians
+            place = affine.similarity(np.array(size_of(map_of_model)), np.array(turn), np.zeros(2))
+            hinge = np.array([mine.hinge], float)
             place[:, 2] = (affine.apply(swapped[scene.layer(mine.parent)], hinge) - affine.apply(place, hinge))[0]
             swapped[scene.layer(mine.name)] = place
     return swapped

@@ -42,6 +42,13 @@ def test_palette_finds_flat_colours(most):
     assert sorted(distance.argmin(1)) == [0, 1, 2, 3]
 
 
+def test_palette_of_a_single_pixel():
+    speck = part_images(box_puppet([(10, 10, 4, 4)]))
+    palette = palette_of(speck, 0.1, 4)
+    assert palette.shape == (1, 3)
+    np.testing.assert_allclose(palette_of(speck, 0.3, 4)[0], rgb2lab(np.array(COLOURS[0], np.uint8)), atol=0.3)
+
+
 def test_quarter_turns_move_pixels_as_a_turn_does():
     palette = palette_of(IMAGES, 1.0, 4)
     templates = make_templates(IMAGES, 1.0, 4, palette, most_pixels=10**6)

@@ -9,17 +9,17 @@ from jaxtyping import Float
 
 
 def apply(
-    a_from_b: Float[np.ndarray, "*batch 2 3"], points: Float[np.ndarray, "*batch n 2"]
-) -> Float[np.ndarray, "*batch n 2"]:
+    a_from_b: Float[np.ndarray, "*#batch 2 3"], points: Float[np.ndarray, "*#batch n 2"]
+) -> Float[np.ndarray, "*#batch n 2"]:
     """Map points."""
     linear, offset = a_from_b[..., :2], a_from_b[..., 2]
-    mapped: Float[np.ndarray, "*batch n 2"] = points @ np.swapaxes(linear, -1, -2) + offset[..., None, :]
+    mapped: Float[np.ndarray, "*#batch n 2"] = points @ np.swapaxes(linear, -1, -2) + offset[..., None, :]
     return mapped
 
 
 def compose(
-    a_from_b: Float[np.ndarray, "*batch 2 3"], b_from_c: Float[np.ndarray, "*batch 2 3"]
-) -> Float[np.ndarray, "*batch 2 3"]:
+    a_from_b: Float[np.ndarray, "*#batch 2 3"], b_from_c: Float[np.ndarray, "*#batch 2 3"]
+) -> Float[np.ndarray, "*#batch 2 3"]:
     """Chain two maps: a_from_c."""
     linear = a_from_b[..., :2] @ b_from_c[..., :2]
     offset = (a_from_b[..., :2] @ b_from_c[..., 2:])[..., 0] + a_from_b[..., 2]
@@ -55,8 +55,8 @@ def for_opencv(a_from_b: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
 
 
 def closest_similarity(
-    points_b: Float[np.ndarray, "*batch n 2"], points_a: Float[np.ndarray, "*batch n 2"]
-) -> Float[np.ndarray, "*batch 2 3"]:
+    points_b: Float[np.ndarray, "*#batch n 2"], points_a: Float[np.ndarray, "*#batch n 2"]
+) -> Float[np.ndarray, "*#batch 2 3"]:
     """Find the a_from_b of shift, turn and scale that brings ``points_b`` nearest to ``points_a`` (least squares).
 
     Points that all coincide are only shifted.

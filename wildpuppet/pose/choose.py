@@ -45,7 +45,10 @@ def _pick_over_time(
     for shot in np.unique(crops.shot):
         index = np.flatnonzero(crops.shot == shot)
         starts = index[np.r_[True, np.diff(crops.drawing[index]) != 0]]
-        steps = [settings.time_weight * _movement(puppet, crops, vertices, a, b) / size for a, b in pairwise(starts)]
+        steps = [
+            settings.time_weight * _movement(puppet, crops, vertices, int(a), int(b)) / size
+            for a, b in pairwise(starts)
+        ]
         path = best_path(hypotheses.cost[starts], steps)
         picked[index] = path[np.searchsorted(starts, index, side="right") - 1]
     return picked

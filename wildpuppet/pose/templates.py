@@ -78,6 +78,8 @@ def palette_of(images: tuple[PartImage, ...], scale: float, num_colours: int) ->
             colour = (small[..., :3] / small[..., 3:].clip(0.5)).clip(0, 1)
             samples.append(lab(colour)[opaque])
     points = np.concatenate(samples) if samples else np.zeros((1, 3), np.float32)
+    if len(points) == 1:  # OpenCV would take a single row for three points of one number
+        return points
     num_colours = min(num_colours, len(np.unique(points.round(1), axis=0)))
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.2)
     cv2.setRNGSeed(0)
