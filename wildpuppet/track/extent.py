@@ -2,7 +2,7 @@
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from wildpuppet.track.scene import Region, inside_box
 from wildpuppet.track.trackers import Box
@@ -98,7 +98,7 @@ def piece_boxes(mask: Bool[np.ndarray, "h w"], size: tuple[float, float]) -> lis
     return [(float(x), float(y), float(w), float(h)) for x, y, w, h, _ in large[:MOST_PIECES]]
 
 
-def trimmed(counts: Float[np.ndarray, " n"]) -> tuple[int, int]:
+def trimmed(counts: Int[np.ndarray, " n"]) -> tuple[int, int]:
     """Bound a profile, leaving out a little of its mass at each end."""
     total = np.cumsum(counts)
     edge = TRIM * total[-1]
