@@ -42,7 +42,9 @@ class Camera:
         self.agreed = 0.0
         self.previous_from_anchor = IDENTITY.copy()
 
-    def step(self, gray: UInt8[np.ndarray, "h w"], background: UInt8[np.ndarray, "h w"] | None) -> Float[np.ndarray, "2 3"]:
+    def step(
+        self, gray: UInt8[np.ndarray, "h w"], background: UInt8[np.ndarray, "h w"] | None
+    ) -> Float[np.ndarray, "2 3"]:
         """Return plane_from_frame for the next picture; the plane is the first picture's.
 
         ``background`` is non-zero where features of this picture may be taken later, None for everywhere. Where

@@ -63,9 +63,7 @@ def gather(
     return Evidence(region, np.where(seen.known, seen.odds + colour, doubtful), seen.known, colour, moved_away)
 
 
-def share_moved_away(
-    seen: Foreground, colour: Float[np.ndarray, "a b"], region: Region, predicted: Box
-) -> float:
+def share_moved_away(seen: Foreground, colour: Float[np.ndarray, "a b"], region: Region, predicted: Box) -> float:
     """Say how surely the character is elsewhere than where its box was given, 0 to 1.
 
     It is, when enough foreground of its colours is seen before known background, and little of its colours is left

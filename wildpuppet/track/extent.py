@@ -59,7 +59,10 @@ def pulled(weight: Float[np.ndarray, "a b"], region: Region, predicted: Box) -> 
 
 
 def box_sums(
-    weight: Float[np.ndarray, "a b"], left: Float[np.ndarray, "*n"], top: Float[np.ndarray, "*n"], size: tuple[float, ...]
+    weight: Float[np.ndarray, "a b"],
+    left: Float[np.ndarray, "*n"],
+    top: Float[np.ndarray, "*n"],
+    size: tuple[float, ...],
 ) -> Float[np.ndarray, "*n"]:
     """Sum the weight inside boxes of one size at many places."""
     integral = cv2.integral(weight.astype(np.float32))

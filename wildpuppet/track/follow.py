@@ -6,10 +6,8 @@ looked for in the next shot. Then short gaps are bridged and the boxes are smoot
 """
 
 from bisect import bisect_right
-from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import UInt8
 
 from wildpuppet.errors import InputError
 from wildpuppet.machine import Machine
@@ -20,14 +18,11 @@ from wildpuppet.track.evidence import learn_colours
 from wildpuppet.track.follower import Follower, Seen, shifted
 from wildpuppet.track.scene import Scene, region_around
 from wildpuppet.track.smooth import bridge, fill, runs_of, smooth
-from wildpuppet.track.survey import Survey, survey
+from wildpuppet.track.survey import survey
 from wildpuppet.track.trackers import make_tracker
-from wildpuppet.track.working import Working, working_for
+from wildpuppet.track.working import Pictures, Working, working_for
 from wildpuppet.types import Clip, Target, Track, TrackState
-from wildpuppet.video.read import FrameReader
 
-# Frames decoded at once when walking backwards; only their small copies are kept.
-BLOCK_FRAMES = 48
 # At least this share of the user's box must lie inside the frame.
 LEAST_INSIDE = 0.25
 
@@ -39,18 +34,14 @@ def track(clip: Clip, target: Target, settings: TrackSettings, machine: Machine)
     interpolated or last known box. Raises InputError where box, frame or range cannot be used.
     """
     check_target(clip, target)
-    reader = FrameReader(clip)
-    working = working_for(clip.size, target.box_video)
-    first = working.image(reader.frame(target.at))
-    box = working.box_in(target.box_video)
+    pictures = Pictures(clip, target, working_for(clip.size, target.box_video))
+    working = pictures.working
+    first, box = pictures[target.at], working.box_in(target.box_video)
     maker = make_tracker(settings)
-    scene, colours = learn_scene(clip, target, reader, working, machine)
+    scene, colours = learn_scene(clip, target, pictures, machine)
     seen = {target.at: Seen(box, 1.0, "followed")}
     num_frames = target.end - target.start
-    for walk in (
-        forward_images(reader, working, target.at + 1, target.end),
-        backward_images(reader, working, target.start, target.at),
-    ):
+    for walk in (pictures.forward(target.at + 1, target.end), pictures.backward(target.start, target.at)):
         follower = Follower(maker, Appearance(first, box, colours), scene, settings, first, box, working.pad)
         previous = target.at
         for index, image in walk:
@@ -60,26 +51,22 @@ def track(clip: Clip, target: Target, settings: TrackSettings, machine: Machine)
     return assemble(clip, target, settings, working, seen)
 
 
-def learn_scene(
-    clip: Clip, target: Target, reader: FrameReader, working: Working, machine: Machine
-) -> tuple[Scene, Colours]:
-    """Learn the backgrounds, and from them and the given box the character's colours."""
-    picture = working.inner(working.image(reader.frame(target.at)))
+def learn_scene(clip: Clip, target: Target, pictures: Pictures, machine: Machine) -> tuple[Scene, Colours]:
+    """Learn the backgrounds in a first pass, and from them and the given box the character's colours."""
+    working = pictures.working
+    num_frames = target.end - target.start
+    shot = np.array([shot_of(clip, index) for index in range(target.start, target.end)])
+    inner = (working.inner(image) for _, image in pictures.forward(target.start, target.end))
+    scene = Scene(
+        survey(inner, shot, lambda t: None, lambda done: machine.progress(done, 2 * num_frames)), target.start
+    )
+    picture = working.inner(pictures[target.at])
     box = shifted(working.box_in(target.box_video), -working.pad)
-    scene = Scene(look_through(clip, target, reader, working, machine), target.start)
     scene.claim(picture, target.at, box)
     region = region_around((picture.shape[1], picture.shape[0]), box, 0.0)
     if region is None:
         return scene, colours_of_box(picture, box)
     return scene, learn_colours(picture, target.at, scene, region, box)
-
-
-def look_through(clip: Clip, target: Target, reader: FrameReader, working: Working, machine: Machine) -> Survey:
-    """Find the camera's motion and the background of each shot in a first pass over the range."""
-    num_frames = target.end - target.start
-    pictures = (working.inner(image) for _, image in forward_images(reader, working, target.start, target.end))
-    shot = np.array([shot_of(clip, index) for index in range(target.start, target.end)])
-    return survey(pictures, shot, lambda t: None, lambda done: machine.progress(done, 2 * num_frames))
 
 
 def assemble(clip: Clip, target: Target, settings: TrackSettings, working: Working, seen: dict[int, Seen]) -> Track:
@@ -95,23 +82,6 @@ def assemble(clip: Clip, target: Target, settings: TrackSettings, working: Worki
     boxes = smooth(boxes, runs_of(state, shot), settings.smooth_frames, target.at - target.start)
     score = np.array([one.score for one in walked])
     return Track(frames, boxes, tuple(state), score, shot)
-
-
-def forward_images(
-    reader: FrameReader, working: Working, start: int, end: int
-) -> Iterator[tuple[int, UInt8[np.ndarray, "h w 3"]]]:
-    """Yield the small copies of frames start .. end - 1."""
-    for index, rgb in reader.frames(start, end):
-        yield index, working.image(rgb)
-
-
-def backward_images(
-    reader: FrameReader, working: Working, start: int, end: int
-) -> Iterator[tuple[int, UInt8[np.ndarray, "h w 3"]]]:
-    """Yield the small copies of frames end - 1 down to start, a block in memory at a time."""
-    for block_end in range(end, start, -BLOCK_FRAMES):
-        block = list(forward_images(reader, working, max(start, block_end - BLOCK_FRAMES), block_end))
-        yield from reversed(block)
 
 
 def shot_of(clip: Clip, index: int) -> int:

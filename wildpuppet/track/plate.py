@@ -88,4 +88,8 @@ def masked_median(
     deviation = np.where(values < 256, np.abs(values - median), np.int16(256)).max(2)
     spread = np.take_along_axis(np.sort(deviation, -1), middle[..., 0], -1)[..., 0]
     median = np.where(count[..., None] > 0, median[..., 0], 0)
-    return median.astype(np.uint8), np.where(count > 0, spread, 255).clip(0, 255).astype(np.uint8), count.astype(np.uint8)
+    return (
+        median.astype(np.uint8),
+        np.where(count > 0, spread, 255).clip(0, 255).astype(np.uint8),
+        count.astype(np.uint8),
+    )

@@ -114,9 +114,7 @@ class Scene:
         """Say whether the background is known inside the claimed box too, in the shot of this frame."""
         return int(self.survey.shot[index - self.start]) in self.settled
 
-    def walks_about(
-        self, shot: int, drawn: UInt8[np.ndarray, "n 3"], behind: UInt8[np.ndarray, "n 3"]
-    ) -> bool:
+    def walks_about(self, shot: int, drawn: UInt8[np.ndarray, "n 3"], behind: UInt8[np.ndarray, "n 3"]) -> bool:
         """Say whether the plate shows background inside the claimed box.
 
         ``drawn`` are the picture's colours where it differs from the plate inside the box, ``behind`` the plate's.
@@ -172,7 +170,7 @@ class Scene:
     def measure_noise(self, difference: Float[np.ndarray, "a b 3"], seen: Bool[np.ndarray, "a b"]) -> None:
         """Follow the typical difference of the background from the plate."""
         if seen.sum() > 100:
-            typical = 1.48 * float(np.median(difference[seen]))
+            typical = 1.48 * float(np.median(difference[seen][::5]))
             self.noise = 0.8 * self.noise + 0.2 * max(LEAST_NOISE, typical)
 
 

@@ -48,7 +48,9 @@ def survey(
             camera, samples = Camera(), Samples(num_samples)
         hidden = covered(t)
         visible = np.full(picture.shape[:2], 255, np.uint8) if hidden is None else cv2.compare(hidden, 0, cv2.CMP_EQ)
-        plane_from_frame[t] = camera.step(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), None if hidden is None else visible)
+        plane_from_frame[t] = camera.step(
+            cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), None if hidden is None else visible
+        )
         samples.offer(t, picture, visible, plane_from_frame[t])
         progress(t + 1)
     plates[int(shot[-1])], kept[int(shot[-1])] = samples.plate(), samples.pictures()

@@ -3,6 +3,7 @@
 The character's larger side becomes about ``BOX_PIXELS``; a border of repeated edge pixels lets a box leave the frame.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -10,9 +11,15 @@ import numpy as np
 from jaxtyping import UInt8
 
 from wildpuppet.track.trackers import Box
+from wildpuppet.types import Clip, Target
+from wildpuppet.video.read import FrameReader
 
 # Larger is surer on small marks and slower (quadratic).
 BOX_PIXELS = 112
+# Small copies of the whole range are kept from the first pass for the second when they take no more than this.
+KEPT_BYTES = 160 * 2**20
+# Frames decoded at once when walking backwards.
+BLOCK_FRAMES = 48
 
 
 @dataclass(frozen=True)
@@ -53,3 +60,34 @@ def working_for(size: tuple[int, int], box_video: Box) -> Working:
     small = max(round(size[0] * shrink), 1), max(round(size[1] * shrink), 1)
     scale = small[0] / size[0], small[1] / size[1]
     return Working(scale, small, round(0.6 * side * shrink))
+
+
+class Pictures:
+    """The working copies of a range, decoded in blocks; a short range is kept, so that it is decoded once."""
+
+    def __init__(self, clip: Clip, target: Target, working: Working) -> None:
+        self.working = working
+        self._reader = FrameReader(clip)
+        size = 3 * (working.size[0] + 2 * working.pad) * (working.size[1] + 2 * working.pad)
+        self._keeps = size * (target.end - target.start) <= KEPT_BYTES
+        self._kept: dict[int, UInt8[np.ndarray, "h w 3"]] = {}
+
+    def __getitem__(self, index: int) -> UInt8[np.ndarray, "h w 3"]:
+        return next(self.forward(index, index + 1))[1]
+
+    def forward(self, start: int, end: int) -> Iterator[tuple[int, UInt8[np.ndarray, "h w 3"]]]:
+        """Yield frames start .. end - 1 with their numbers."""
+        if all(index in self._kept for index in range(start, end)):
+            yield from ((index, self._kept[index]) for index in range(start, end))
+            return
+        for index, rgb in self._reader.frames(start, end):
+            image = self.working.image(rgb)
+            if self._keeps:
+                self._kept[index] = image
+            yield index, image
+
+    def backward(self, start: int, end: int) -> Iterator[tuple[int, UInt8[np.ndarray, "h w 3"]]]:
+        """Yield frames end - 1 down to start, a block in memory at a time."""
+        for block_end in range(end, start, -BLOCK_FRAMES):
+            block = list(self.forward(max(start, block_end - BLOCK_FRAMES), block_end))
+            yield from reversed(block)
