@@ -23,7 +23,7 @@ from wildpuppet.types import Puppet
 
 SCALE_SLACK = 1.05
 """How far a level may change a frame's size freely; beyond, ARAP holds it."""
-LOSS_NAMES = ("reconstruction", "arap", "joints", "area")
+LOSS_NAMES = ("reconstruction", "coverage", "arap", "joints", "area")
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +79,10 @@ def energies(
     limit = settings.robust**2
     with torch.no_grad():
         weight = (1 + squares / limit) ** -2
-        robust = (squares / (1 + squares / limit) - problem.target.cover_gain * alpha).sum((1, 2))
-    surrogate = (weight * squares - problem.target.cover_gain * alpha).sum((1, 2))
-    joints = energy.joint_distance(moving * problem.unit, *_joints(problem.puppet))
+        robust = (squares / (1 + squares / limit)).sum((1, 2))
+    coverage = _coverage(problem.target.cover_gain, alpha) / problem.mask_pixels
+    reconstruction = (weight * squares).sum((1, 2)) / problem.mask_pixels
+    joints = energy.joint_distance(moving * problem.unit, *_joints(problem.puppet), slack=settings.joint_slack)
     with torch.no_grad():
         free = torch.from_numpy(best_scale_of(vertices.numpy(), problem.rest).astype(np.float32))
         scale = free.clamp(problem.scale / SCALE_SLACK, problem.scale * SCALE_SLACK)
@@ -89,19 +90,25 @@ def energies(
     layer_of_triangle = torch.from_numpy(problem.puppet.layer_of_triangle.astype(np.int64))
     triangles = torch.from_numpy(problem.puppet.triangles.astype(np.int64))
     area = energy.layer_area(moving, expected, triangles, layer_of_triangle)
-    per_frame = settings.reconstruction * surrogate / problem.mask_pixels + settings.joints * joints
+    per_frame = settings.reconstruction * (reconstruction + coverage) + settings.joints * joints
     per_frame = per_frame + settings.area * area * problem.target.level**-4
     (gradient,) = torch.autograd.grad(per_frame.sum(), moving)
     stiff, stiff_gradient = arap_energy_and_gradient(vertices.numpy(), problem.rest, scale.numpy())
     arap = torch.from_numpy(stiff) * problem.unit**2
     gradient = gradient + settings.arap * problem.unit**2 * torch.from_numpy(stiff_gradient)
     terms = {
-        "reconstruction": robust / problem.mask_pixels, "arap": arap, "joints": joints.detach(),
+        "reconstruction": robust / problem.mask_pixels, "coverage": coverage.detach(), "arap": arap,
+        "joints": joints.detach(),
         "area": area.detach() * problem.target.level**-4,
     }  # fmt: skip
-    total = sum(getattr(settings, name) * terms[name] for name in LOSS_NAMES)
-    assert isinstance(total, Tensor)
+    total = settings.reconstruction * (terms["reconstruction"] + terms["coverage"]) + settings.arap * arap
+    total = total + settings.joints * terms["joints"] + settings.area * terms["area"]
     return total, gradient, terms
+
+
+def _coverage(gain: Float[Tensor, "B H W"], alpha: Float[Tensor, "B H W"]) -> Float[Tensor, "B"]:
+    """Charge character pixels that are left uncovered and background pixels that are covered; 0 is perfect."""
+    return (gain.clamp_min(0) - gain * alpha).sum((1, 2))
 
 
 def descend(

@@ -10,6 +10,8 @@ squared errors, vertices in [-1, 1] (``to_unit``) for L_reg and the hinges, area
 (B, H, W, 4), premultiplied, 0..1, as the renderer gives them; alpha is R1.
 """
 
+import math
+
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -56,11 +58,22 @@ def joint_points(
 
 
 def joint_distance(
-    vertices: Float[Tensor, "B V 2"], joint_vertices: Int[Tensor, "J 2 3"], joint_weights: Float[Tensor, "J 2 3"]
+    vertices: Float[Tensor, "B V 2"],
+    joint_vertices: Int[Tensor, "J 2 3"],
+    joint_weights: Float[Tensor, "J 2 3"],
+    slack: float = math.inf,
 ) -> Float[Tensor, "B"]:
-    """Compute sum_i ||p_i - q_i||^2 in the squared units of the vertices; 0 without hinges."""
+    """Compute sum_i ||p_i - q_i||^2 in the squared units of the vertices; 0 without hinges.
+
+    Beyond ``slack`` (in the units of the vertices; the paper has none) a gap costs linearly (Huber): a hinge that was
+    guessed from an overlap may really open, and should not bend its parts for it.
+    """
     sides = joint_points(vertices, joint_vertices, joint_weights)
-    return ((sides[:, :, 0] - sides[:, :, 1]) ** 2).sum((1, 2))
+    squares = ((sides[:, :, 0] - sides[:, :, 1]) ** 2).sum(-1)
+    if math.isfinite(slack):
+        gaps = squares.clamp_min(slack**2).sqrt()
+        squares = torch.where(squares < slack**2, squares, slack * (2 * gaps - slack))
+    return squares.sum(1)
 
 
 def mask_area(alpha: Float[Tensor, "B H W"], initial: Float[Tensor, "#B H W"]) -> Float[Tensor, "B"]:

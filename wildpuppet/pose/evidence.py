@@ -19,6 +19,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
 
+from wildpuppet.pose.kernels import composite_costs
 from wildpuppet.pose.templates import lab
 from wildpuppet.render.render import Mesh, render
 from wildpuppet.render.texture import Texture
@@ -95,8 +96,12 @@ def unexplained_cost(
             torch.from_numpy(np.ascontiguousarray(order)),
             (width, height),
         ).rgba.numpy()
-    alpha = picture[..., 3]
-    colour = picture[..., :3] * (LAB_UNIT / alpha[..., None].clip(1e-3))
-    claimed = disagreement(((colour - evidence.lab) ** 2).sum(-1)) + behind_cost(evidence.matte)
-    cost: Float[np.ndarray, "B"] = (alpha * claimed + (1 - alpha) * UNEXPLAINED * evidence.matte).sum((1, 2))
-    return cost
+    rows: Float[np.ndarray, "B H"] = composite_costs(
+        picture, evidence.lab, behind_cost(evidence.matte), UNEXPLAINED * evidence.matte, LAB_UNIT, WRONG, PER_STEP
+    )
+    return rows.sum(1)
+
+
+PER_STEP = 0.5
+WRONG = disagreement(((np.arange(round(PER_STEP * (6 * SIGMA + SMOOTH) ** 2)) + 0.5) / PER_STEP).astype(np.float32))
+"""Disagreement at squared Lab distances of 1, 3, 5, ...: the composite's cost is looked up."""

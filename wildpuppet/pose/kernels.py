@@ -4,8 +4,11 @@ import numpy as np
 from jaxtyping import Float, Int
 from numba import njit, prange
 
+RELAXED = {"nsz", "nnan"}
+"""What the compiler may assume: no reordering of sums, so that a compiled and a cached kernel give the same bits."""
 
-@njit(parallel=True, cache=True, fastmath=True)
+
+@njit(parallel=True, cache=True, fastmath=RELAXED)
 def template_costs(
     disagreement: Float[np.ndarray, "C Hp Wp"],
     pixels: Int[np.ndarray, "P 3"],
@@ -31,7 +34,7 @@ def template_costs(
     return costs
 
 
-@njit(parallel=True, cache=True, fastmath=True)
+@njit(parallel=True, cache=True, fastmath=RELAXED)
 def spring_transform(costs: Float[np.ndarray, "K H W"], pull: Float[np.ndarray, "R"]) -> Float[np.ndarray, "K H W"]:
     """Take, at every position, the least of cost + pull[|dx|] + pull[|dy|], within the table's reach."""
     num_angles, height = costs.shape[:2]
@@ -85,7 +88,7 @@ def _pull_along_columns(
                 result[angle, y, x] = min(result[angle, y, x], costs[angle, y - step, x] + extra)
 
 
-@njit(parallel=True, cache=True, fastmath=True)
+@njit(parallel=True, cache=True, fastmath=RELAXED)
 def turn_transform(costs: Float[np.ndarray, "K H W"], turn_cost: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K H W"]:
     """Take, for every parent's angle, the least over the child's angles of cost + turn_cost[child - parent]."""
     num_angles, height, width = costs.shape
@@ -121,3 +124,38 @@ def shift_each(
                 from_x = x + dx
                 result[angle, y, x] = costs[angle, source, from_x] if 0 <= from_x < width else outside
     return result
+
+
+@njit(parallel=True, cache=True, fastmath=RELAXED)
+def composite_costs(
+    pictures: Float[np.ndarray, "B H W 4"],
+    lab: Float[np.ndarray, "H W 3"],
+    behind: Float[np.ndarray, "H W"],
+    unexplained: Float[np.ndarray, "H W"],
+    unit: float,
+    wrong: Float[np.ndarray, "R"],
+    per_step: float,
+) -> Float[np.ndarray, "B H"]:
+    """Sum, along rows, what covered and uncovered pixels cost (see ``evidence``).
+
+    ``pictures`` are premultiplied, in units of ``unit``; ``wrong[k]`` is the disagreement at a squared distance of
+    k / per_step (the last entry for all beyond).
+    """
+    num_pictures, height, width = pictures.shape[:3]
+    costs = np.zeros((num_pictures, height))
+    for work in prange(num_pictures * height):
+        picture, y = work // height, work % height
+        total = 0.0
+        for x in range(width):
+            alpha = pictures[picture, y, x, 3]
+            if alpha < 1e-3:
+                total += unexplained[y, x]
+                continue
+            scale = unit / alpha
+            squared = (pictures[picture, y, x, 0] * scale - lab[y, x, 0]) ** 2
+            squared += (pictures[picture, y, x, 1] * scale - lab[y, x, 1]) ** 2
+            squared += (pictures[picture, y, x, 2] * scale - lab[y, x, 2]) ** 2
+            entry = min(int(squared * per_step), len(wrong) - 1)
+            total += alpha * (wrong[entry] + behind[y, x]) + (1 - alpha) * unexplained[y, x]
+        costs[picture, y] = total
+    return costs

@@ -68,6 +68,10 @@ class Searcher:
         return self.of_size[step]
 
 
+SIZE_TRIES = 4
+"""How often the first frame is searched again at the size that explained it better."""
+
+
 def search(
     puppet: Puppet,
     crops: Crops,
@@ -102,9 +106,13 @@ def search(
                     for m, o in zip(found[-1][0][:2], found[-1][1][:2], strict=True)
                 ]
             image = crops.images[int(frame) : int(frame) + 1][0]
-            maps, order, cost, step = _search_one(
-                searcher, image, step, expected[frame], starts, fixed_size=not crops.ordered
-            )
+            for _ in range(SIZE_TRIES if before is None and crops.ordered else 1):
+                last = step
+                maps, order, cost, step = _search_one(
+                    searcher, image, step, expected[frame], starts, fixed_size=not crops.ordered
+                )
+                if step == last:
+                    break
             found.append((maps, order, cost))
         machine.progress(done + 1, len(frames))
     return Hypotheses(

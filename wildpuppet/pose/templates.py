@@ -93,7 +93,7 @@ def make_templates(
     scale: float,
     num_angles: int,
     palette: Float[np.ndarray, "C 3"],
-    most_pixels: int = 160,
+    most_pixels: int = 100,
 ) -> Templates:
     """Turn and scale every part. ``scale`` is search pixels per canvas pixel.
 
