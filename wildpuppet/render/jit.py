@@ -23,8 +23,12 @@ config.SLP_VECTORIZE = 1
 
 
 def kernel(function: Kernel) -> Kernel:
-    """Compile; sums may be reassociated and fused (results differ in the last bits between machines)."""
-    return _compile(function, fastmath={"contract", "reassoc", "nsz", "arcp"})
+    """Compile; the sign of zero does not count.
+
+    Sums are not reassociated, nor products fused: code that was just compiled then rounds otherwise than the same code
+    read from the disk, and a run that was killed and run again would differ from an unbroken one.
+    """
+    return _compile(function, fastmath={"nsz"})
 
 
 def exact_kernel(function: Kernel) -> Kernel:
