@@ -99,7 +99,8 @@ def unexplained_cost(
     rows: Float[np.ndarray, "B H"] = composite_costs(
         picture, evidence.lab, behind_cost(evidence.matte), UNEXPLAINED * evidence.matte, LAB_UNIT, WRONG, PER_STEP
     )
-    return rows.sum(1)
+    costs: Float[np.ndarray, "B"] = rows.sum(1)
+    return costs
 
 
 PER_STEP = 0.5
