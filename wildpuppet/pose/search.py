@@ -218,15 +218,16 @@ def _nearest_candidate(
 def _better_size(
     searcher: Searcher, evidence: ev.Evidence, candidate: Candidate, templates: Templates, step: int, expected: int
 ) -> int:
-    """Try the best pose a step larger and smaller, about its middle; return the size that explains the frame best.
+    """Try the best pose with its parts a step larger and smaller; return the size that explains the frame best.
 
+    Each part grows where it is: the search has put it over its picture, its hinges open or shut as its size asks.
     Sizes away from the ``expected`` one (the box's) pay for it.
     """
     search_from_canvas = _maps_of(searcher, templates, candidate.states)
     vertices = pose_vertices(searcher.puppet, search_from_canvas)
-    middle = vertices.mean(0)
+    pivots = (np.array(candidate.states)[:, 1:] + 0.5)[searcher.puppet.layer_of_vertex]
     ratios = SIZE_STEP ** np.array([-1.0, 0.0, 1.0])
-    sized = middle + ratios[:, None, None] * (vertices - middle)
+    sized = pivots + ratios[:, None, None] * (vertices - pivots)
     order = np.repeat(np.array([candidate.order]), len(ratios), 0)
     _, texture = searcher.at_size(step)
     cost = ev.unexplained_cost(evidence, sized, order, searcher.mesh, texture)
