@@ -8,7 +8,7 @@ metric). Data curvature is Gauss-Newton's, from the texture's own gradient, lump
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 from torch import Tensor
@@ -69,7 +69,7 @@ class Bones:
     Turn and scale are measured at the group's radius, so that all four are pixels.
     """
 
-    def __init__(self, group_of_vertex: Float[np.ndarray, "V"], puppet: Puppet, hold_scale: float) -> None:
+    def __init__(self, group_of_vertex: Int[np.ndarray, "V"], puppet: Puppet, hold_scale: float) -> None:
         self.group = torch.from_numpy(group_of_vertex.astype(np.int64))
         self.num = int(group_of_vertex.max()) + 1
         self.joint_vertices = torch.from_numpy(puppet.joint_vertices.astype(np.int64))
