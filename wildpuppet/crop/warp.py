@@ -8,11 +8,11 @@ from wildpuppet.geometry import affine
 
 
 def cut_window(
-    image: UInt8[np.ndarray, "H W C"],
+    image: UInt8[np.ndarray, "H W *channels"],
     image_from_crop: Float[np.ndarray, "2 3"],
     size: tuple[int, int],
     interpolation: int = cv2.INTER_LINEAR,
-) -> UInt8[np.ndarray, "h w C"]:
+) -> UInt8[np.ndarray, "h w *channels"]:
     """Resample ``image`` on the crop's grid; pixels beyond the image repeat its edge.
 
     Where the crop is coarser than the image by more than 1.2, the image is blurred first, with the Gaussian that a
@@ -31,8 +31,8 @@ def cut_window(
 
 
 def needed_region(
-    image: UInt8[np.ndarray, "H W C"], image_from_crop: Float[np.ndarray, "2 3"], size: tuple[int, int]
-) -> tuple[UInt8[np.ndarray, "h w C"], Float[np.ndarray, "2 3"]]:
+    image: UInt8[np.ndarray, "H W *channels"], image_from_crop: Float[np.ndarray, "2 3"], size: tuple[int, int]
+) -> tuple[UInt8[np.ndarray, "h w *channels"], Float[np.ndarray, "2 3"]]:
     """Restrict the image to what the window needs, with a border for the blur, and the map to it."""
     corners = affine.apply(image_from_crop, np.array([[0.0, 0.0], [size[0], 0.0], [0.0, size[1]], [size[0], size[1]]]))
     border = 8 + 4 * float(np.abs(image_from_crop[:, :2]).max())
