@@ -27,7 +27,8 @@ def cut(clip: Clip, track: Track, target: Target, settings: CropSettings, machin
         raise InputError(f"--at {target.at} is not among the tracked frames; track again with this range")
     reference = int(np.searchsorted(track.frames, target.at))
     windows = windows_of(track.boxes_video, track.shot, reference, settings)
-    matter = prepare_matter(clip, track, reference, machine) if settings.matte else None
+    crop_from_video = 1.0 / float(windows.video_from_crop[reference, 0, 0])
+    matter = prepare_matter(clip, track, crop_from_video, machine) if settings.matte else None
     images = WindowImages(clip, track, windows, matter)
     drawing = number_drawings(images, track.shot, settings.hold_threshold)
     return Crops(

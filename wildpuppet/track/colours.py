@@ -1,7 +1,7 @@
 """The character's colours: how much likelier each is on the character than around it.
 
-Lab colours are counted in a coarse table. What the background is known to be at the reference frame sharpens the counts:
-a pixel of the box that shows background does not count as the character.
+Lab colours are counted in a coarse table. Knowing the background at the reference frame sharpens the counts: a pixel of
+the box that shows background does not count as the character.
 """
 
 from functools import cache

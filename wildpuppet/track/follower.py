@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 
 from wildpuppet.settings import TrackSettings
 from wildpuppet.track.appearance import Appearance
@@ -32,7 +32,8 @@ REACH = 0.3
 LEAST_AWAY = 0.5
 # A side follows its measurement by this share, and by at most this share of the box in one frame.
 GAIN, MOST_CHANGE = 0.5, 0.1
-# Where the character hardly leaves its place, a box grows by at most this factor over its remembered size, which follows slowly.
+# Where the character hardly leaves its place, a box grows by at most this factor over its remembered size, which
+# follows slowly.
 MOST_GROWTH, MEMORY_RATE = 1.2, 0.03
 # The tracker starts again when its box overlaps the measured one less than this for so many frames.
 AGREEMENT, PATIENCE = 0.55, 3

@@ -72,7 +72,7 @@ def tile_stack(
             continue
         matrix = affine.for_opencv(to_tile)
         stack.append(cv2.warpAffine(picture, matrix, size, borderMode=cv2.BORDER_REPLICATE))
-        masks.append(cv2.compare(cv2.warpAffine(mask, matrix, size), 255, cv2.CMP_EQ))
+        masks.append(255 * (cv2.warpAffine(mask, matrix, size) == 255).astype(np.uint8))
     return np.array(stack, np.uint8), np.array(masks, np.uint8)
 
 

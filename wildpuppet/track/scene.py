@@ -24,8 +24,8 @@ LEAST_NOISE = 3.0
 DOUBTFUL, TRUSTED = 128, 255
 # A plate pixel is background when so many pictures show it and their spread is at most this.
 LEAST_COUNT, MOST_SPREAD = 3, 14
-# The plate shows background inside a claimed box when what differs elsewhere is, in the mean, at least this large beside
-# what differs in the box, and has its colours rather than the plate's by at least so much (Bhattacharyya).
+# The plate shows background inside a claimed box when what differs elsewhere is, in the mean, at least this large
+# beside what differs in the box, and has its colours rather than the plate's by at least so much (Bhattacharyya).
 LEAST_AREA, LEAST_MORE_ALIKE = 0.4, 0.12
 # A difference from the plate, in units of noise, that is a change.
 CHANGED = 4.0

@@ -37,7 +37,7 @@ def survey(
     progress: Callable[[int], None],
     num_samples: int = NUM_SAMPLES,
 ) -> Survey:
-    """Look at every picture once. ``covered(t)`` marks (non-zero) where the character is in picture t, None: unknown."""
+    """Look at every picture once; ``covered(t)`` is non-zero where the character is in picture t, None: unknown."""
     plane_from_frame = np.empty((len(shot), 2, 3))
     plates: dict[int, Plate] = {}
     kept: dict[int, dict[int, UInt8[np.ndarray, "a b 3"]]] = {}
@@ -47,7 +47,7 @@ def survey(
             plates[int(shot[t - 1])], kept[int(shot[t - 1])] = samples.plate(), samples.pictures()
             camera, samples = Camera(), Samples(num_samples)
         hidden = covered(t)
-        visible = np.full(picture.shape[:2], 255, np.uint8) if hidden is None else cv2.compare(hidden, 0, cv2.CMP_EQ)
+        visible = np.full(picture.shape[:2], 255, np.uint8) if hidden is None else 255 * (hidden == 0).astype(np.uint8)
         plane_from_frame[t] = camera.step(
             cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), None if hidden is None else visible
         )

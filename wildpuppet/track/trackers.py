@@ -21,8 +21,8 @@ contrib: Any = cv2
 
 Box = tuple[float, float, float, float]
 
-# CSRT's filter works on the target scaled to about this many pixels a side, and tries so many sizes. OpenCV's own 200 and
-# 33 are three times slower; sizes are measured against the background anyhow (``extent.py``), as is what its
+# CSRT's filter works on the target scaled to about this many pixels a side, and tries so many sizes. OpenCV's own 200
+# and 33 are three times slower; sizes are measured against the background anyhow (``extent.py``), as is what its
 # segmentation would tell. On clips with known boxes the overlap is the same to half a point.
 CSRT_TEMPLATE_SIZE, CSRT_NUM_SCALES = 80.0, 9
 

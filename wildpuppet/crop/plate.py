@@ -1,0 +1,55 @@
+"""The background plates that crops are compared with: as ``track/survey.py``, but finer and without the character.
+
+What lies in the character's box does not count in any picture, so the plate never holds the character, however long it
+stands still; where the box always stood, nothing is known.
+"""
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from wildpuppet.crop.warp import cut_window
+from wildpuppet.geometry import affine
+from wildpuppet.machine import Machine
+from wildpuppet.track.survey import Survey, survey
+from wildpuppet.types import Clip, Track
+from wildpuppet.video.read import FrameReader
+
+# Pictures per shot; they are what bounds the memory.
+NUM_SAMPLES = 60
+# Plates are not finer than this, in pixels per frame of the video.
+MOST_PIXELS = 450_000
+# The box is widened by this share of its larger side before what is outside counts as background.
+GUARD = 0.05
+
+
+def plate_scale(clip: Clip, crop_from_video: float) -> float:
+    """Choose the plate's pixels per video pixel: as fine as the crops, unless memory forbids."""
+    return min(1.0, crop_from_video, float(np.sqrt(MOST_PIXELS / (clip.size[0] * clip.size[1]))))
+
+
+def learn_plates(clip: Clip, track: Track, scale: float, machine: Machine) -> Survey:
+    """Look through the tracked frames once; plate pixels are ``scale`` per video pixel."""
+    first, end = int(track.frames[0]), int(track.frames[-1]) + 1
+    size = max(round(clip.size[0] * scale), 1), max(round(clip.size[1] * scale), 1)
+    video_from_small = affine.scale_and_shift(1.0 / scale, (0.0, 0.0))
+    pictures = (cut_window(rgb, video_from_small, size) for _, rgb in FrameReader(clip).frames(first, end))
+
+    def covered(t: int) -> UInt8[np.ndarray, "a b"]:
+        return box_mask(track.boxes_video[t] * scale, size, GUARD)
+
+    return survey(pictures, track.shot, covered, lambda done: machine.progress(done, len(track.frames)), NUM_SAMPLES)
+
+
+def box_mask(box: Float[np.ndarray, "4"], size: tuple[int, int], grow: float) -> UInt8[np.ndarray, "h w"]:
+    """Mark a box, widened by a share of its larger side, with 255."""
+    mask = np.zeros((size[1], size[0]), np.uint8)
+    left, top, right, bottom = grown(box, grow)
+    mask[max(top, 0) : max(bottom, 0), max(left, 0) : max(right, 0)] = 255
+    return mask
+
+
+def grown(box: Float[np.ndarray, "4"], grow: float) -> Int[np.ndarray, "4"]:
+    """Widen a box by a share of its larger side and round to left, top, right, bottom."""
+    by = grow * box[2:].max()
+    sides = np.round([box[0] - by, box[1] - by, box[0] + box[2] + by, box[1] + box[3] + by])
+    return np.asarray(sides.astype(np.int64))
