@@ -127,10 +127,19 @@ def write_run(out: Path, sources: Mapping[str, Path], run: Mapping[str, Any], ti
             atomic.write_text(out / RUN, _plain({"schema": SCHEMA, "is_finished": False}))
         atomic.clear_abandoned(out)
         digests = _place(out, sources)
-        for name in sorted(before.keys() - digests.keys()):
+        for name in _outdated(before, digests):
             _remove_ours(out, name, before[name])
         atomic.write_text(out / TIMINGS, _plain(timings))
         atomic.write_text(out / RUN, _plain({"schema": SCHEMA, "is_finished": True, "files": digests, **run}))
+
+
+def _outdated(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+    """Name the files of the previous run that this one does not have.
+
+    An automatic puppet is left where it is by a run that made none: it may be the very puppet that was given.
+    """
+    made_puppet = any(name.startswith(f"{PUPPET}/") for name in now)
+    return [name for name in sorted(before.keys() - now.keys()) if made_puppet or not name.startswith(f"{PUPPET}/")]
 
 
 def _place(out: Path, sources: Mapping[str, Path]) -> dict[str, str]:

@@ -1,5 +1,7 @@
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,8 @@ from tests.pipelines.drawn import (
     scene,
     write_drawings,
 )
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +64,16 @@ def test_second_run_makes_nothing_and_writes_the_same(drawn: Drawn, capsys: pyte
     assert final_files(drawn.folder / "out") == before
     assert drawn.run(out="elsewhere") == 0
     assert final_files(drawn.folder / "elsewhere") == before
+
+
+def test_second_run_imports_nothing_heavy(drawn: Drawn) -> None:
+    code = (
+        "import sys\nfrom pipelines.cli import run_command\n"
+        f"run_command({drawn.arguments()!r})\n"
+        "print(sorted({'torch', 'cv2', 'numba', 'scipy', 'av', 'skimage'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
 
 
 def test_fresh_store_gives_the_same_bytes(drawn: Drawn) -> None:
@@ -161,7 +175,10 @@ def test_automatic_puppet_is_written_and_never_over_a_persons_work(
     assert run_command(words) == 2
     assert f"--puppet {folder}" in capsys.readouterr().err
     assert part.read_bytes() == edited
-    assert run_command([*words, "--puppet", str(folder)]) == 0
+    files = final_files(folder)
+    for _ in range(2):
+        assert run_command([*words, "--puppet", str(folder)]) == 0
+        assert final_files(folder) == files
     assert part.read_bytes() == edited
 
 
