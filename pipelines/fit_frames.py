@@ -89,11 +89,11 @@ def _size_after(hypotheses: Hypotheses) -> float:
 
 def descend(keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops], poses: Kept[Poses], frames: Frames) -> Kept[Fit]:
     """Descend chunk by chunk, each of whole held drawings, then join."""
-    from wildpuppet.fit.fit import chunks
+    from wildpuppet.fit.spans import spans_of
 
     parts: list[Kept[Any]] = []
     with keeper.step(stages.FIT.name, frames.number):
-        for span in chunks(crops.value, CHUNK):
+        for span in spans_of(crops.value.drawing, CHUNK):
             indices, weight = given(span, [span.start, span.stop]), span.stop - span.start
             part = keeper.keep(stages.FIT_PART, weight=weight, puppet=puppet, crops=crops, poses=poses, frames=indices)
             parts.append(part)

@@ -22,19 +22,8 @@ BATCH = 8
 """Frames solved together; a bound on memory."""
 
 
-def chunks(crops: Crops, size: int) -> list[slice]:
-    """Cut the frames into runs of about ``size`` that never split a held drawing."""
-    starts = np.flatnonzero(np.r_[True, np.diff(crops.drawing) != 0])
-    cuts, last = [0], 0
-    for start in starts:
-        if start - last >= size:
-            cuts.append(int(start))
-            last = int(start)
-    return [slice(a, b) for a, b in zip(cuts, [*cuts[1:], len(crops.frames)], strict=True)]
-
-
 def fit(puppet: Puppet, crops: Crops, poses: Poses, frames: slice, settings: FitSettings, machine: Machine) -> Fit:
-    """Fit the frames ``crops.frames[frames]``; the slice must not split a held drawing (see ``chunks``)."""
+    """Fit the frames ``crops.frames[frames]``; the slice must not split a held drawing (see ``spans_of``)."""
     torch.set_num_threads(1)  # the kernels have threads of their own; torch's slow small work down on a busy machine
     index = np.arange(*frames.indices(len(crops.frames)))
     is_first = np.r_[True, np.diff(crops.drawing[index]) != 0]
