@@ -103,10 +103,6 @@ class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Farthest opening of a hinge, as a share of the character's size."""
     turn: NotNegative = 0.05
     """Cost of turning a part against its parent, per squared radian (linear beyond half a radian)."""
-    refine_pixels: Annotated[int, Meta(ge=24, le=512)] = 110
-    """Pixels along the character at which hypotheses are refined and judged again. Higher tells shades apart better."""
-    refine_steps: Annotated[int, Meta(ge=0, le=1000)] = 10
-    """Descent steps of each hypothesis; 0 keeps the search's own ranking."""
     time_weight: NotNegative = 3.0
     """Cost of parts moving between drawings, per part and character size. 0 takes each frame by itself."""
 

@@ -60,7 +60,7 @@ def make_problem(
     scale = best_scale_of(vertices.numpy(), rest)
     level_from_canvas = float(np.median(scale))
     mesh, texture = mesh_of(puppet), texture_for(puppet, level_from_canvas)
-    orders = torch.from_numpy(np.ascontiguousarray(order))
+    orders = torch.from_numpy(np.array(order))
     size = (target.colour.shape[2], target.colour.shape[1])
     with torch.no_grad():
         mask = render(vertices, mesh, texture, orders, size).rgba[..., 3].sum((1, 2)).clamp_min(16.0)

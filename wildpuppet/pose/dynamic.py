@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from wildpuppet.pose import kernels
-from wildpuppet.pose.springs import LINEAR_TURN, huber
 from wildpuppet.pose.templates import PartImage, Templates
 from wildpuppet.pose.tree import Edge, Tree
 
@@ -34,6 +33,15 @@ class Springs:
     def pull(self, is_hinge: bool) -> Float[np.ndarray, "R"]:
         """Choose the table of a hinge or of a loose link."""
         return self.hinge if is_hinge else self.loose
+
+
+LINEAR_TURN = 0.5
+"""Radians beyond which a turn's cost is linear."""
+
+
+def huber(ratio: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """Square up to 1, linear beyond."""
+    return np.where(ratio < 1, ratio**2, 2 * ratio - 1)
 
 
 def pull_table(slack: float, cost: float, reach: int) -> Float[np.ndarray, "R"]:

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
@@ -109,7 +109,7 @@ def search(
             for _ in range(SIZE_TRIES if before is None and crops.ordered else 1):
                 last = step
                 maps, order, cost, step = _search_one(
-                    searcher, image, step, expected[frame], starts, fixed_size=not crops.ordered
+                    searcher, image, step, int(expected[frame]), starts, fixed_size=not crops.ordered
                 )
                 if step == last:
                     break
@@ -141,7 +141,7 @@ def _between(crops: Crops, frame: int, before: int) -> Float[np.ndarray, "2 3"]:
 
 def _search_one(
     searcher: Searcher,
-    image: Int[np.ndarray, "H W 4"],
+    image: UInt8[np.ndarray, "H W 4"],
     step: int,
     expected: int,
     starts: list[tuple[Float[np.ndarray, "L 2 3"], Int[np.ndarray, "L"]]],
