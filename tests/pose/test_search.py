@@ -1,0 +1,133 @@
+"""The search on drawn figures, at a coarse grid to be quick: 48 pixels along the figure, 24 angles.
+
+Of the figure's size, a pixel of this grid is 2 %: rounding to it moves a part by 0.8 % on average. Rounding to 15
+degrees moves the middle half of a limb by up to 0.6 % more, and sizes come in steps of 6 %. Bounds are about twice
+that.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numba
+import numpy as np
+import pytest
+import torch
+
+from tests.scene_values import crops_of, true_vertices
+from tests.scenes import Kind, Scene, make_scene
+from wildpuppet.geometry import affine
+from wildpuppet.machine import Machine
+from wildpuppet.pose.place import pose_vertices, size_of
+from wildpuppet.pose.search import search, size_after
+from wildpuppet.puppet.build import build
+from wildpuppet.settings import PuppetSettings, SearchSettings
+from wildpuppet.types import Crops, Hypotheses, Puppet
+
+torch.set_num_threads(1)
+COARSE = SearchSettings(box_pixels=48, angles=24)
+BEST, ONE_OF_N = 0.03, 0.025
+"""Bounds of the median vertex error, as shares of the figure's size."""
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Kernels on one thread: on busy processors, threads that wait for each other take many times as long."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    yield
+    numba.set_num_threads(before)
+
+
+def drawn(kind: Kind, **choices: int) -> tuple[Scene, Puppet, Crops]:
+    scene = make_scene(kind, size=(160, 120), height=0.8, **choices)
+    return scene, build(scene.cutout, PuppetSettings(edge=0.1)), crops_of(scene)
+
+
+def searched(scene: Scene, puppet: Puppet, crops: Crops, frames: Sequence[int], off: float = 1.0) -> Hypotheses:
+    """Search from where the torso is in the first frame, its size wrong by the factor ``off``."""
+    placement = affine.compose(
+        affine.scale_and_shift(off, (0.0, 0.0)), scene.video_from_canvas[0, scene.layer("torso")]
+    )
+    return search(puppet, crops, placement, size_of(placement), np.array(frames), COARSE, Machine(workers=1))
+
+
+def errors(scene: Scene, puppet: Puppet, hypotheses: Hypotheses, frames: Sequence[int]) -> np.ndarray:
+    """Median distance of the vertices from the truth, (T, N), as a share of the figure's size."""
+    true = true_vertices(scene, puppet)[frames]
+    distance = np.linalg.norm(pose_vertices(puppet, hypotheses.crop_from_canvas) - true[:, None], axis=-1)
+    return np.median(distance, -1) / np.ptp(true, axis=1).max(-1)[:, None]
+
+
+def sizes(maps: np.ndarray) -> np.ndarray:
+    """Scale of each frame's first layer."""
+    return np.sqrt(np.linalg.det(maps[:, 0, :, :2]))
+
+
+@pytest.mark.parametrize(("kind", "frames"), [("walk", [0, 1, 2]), ("crossing", [6, 8])])
+def test_poses_are_found(kind, frames):
+    scene, puppet, crops = drawn(kind)
+    found = searched(scene, puppet, crops, frames)
+    wrong = errors(scene, puppet, found, frames)
+    assert wrong[:, 0].max() < BEST
+    assert wrong.min(1).max() < ONE_OF_N
+    check_form(found, len(frames), puppet.num_layers)
+
+
+def check_form(found: Hypotheses, num_frames: int, num_layers: int) -> None:
+    """Best first; distinct poses; every order a permutation; all layers of one size."""
+    assert found.cost.shape == (num_frames, COARSE.num_best)
+    finite = np.where(np.isfinite(found.cost), found.cost, 1e9)
+    assert (np.diff(finite, axis=1) >= 0).all()
+    assert (np.sort(found.order, -1) == np.arange(num_layers)).all()
+    scale = np.sqrt(np.linalg.det(found.crop_from_canvas[..., :2]))
+    np.testing.assert_allclose(scale, np.broadcast_to(scale[:, :1, :1], scale.shape))
+    for maps, cost in zip(found.crop_from_canvas, found.cost, strict=True):
+        kept = maps[np.isfinite(cost)]
+        assert all(np.abs(a - b).max() > 0 for i, a in enumerate(kept) for b in kept[:i])
+
+
+def test_a_zoom_is_followed():
+    scene, puppet, crops = drawn("zoom")
+    frames = list(range(0, 12, 2))  # the figure grows by 29 %
+    found = searched(scene, puppet, crops, frames)
+    assert errors(scene, puppet, found, frames)[:, 0].max() < BEST
+    true = sizes(scene.video_from_canvas[frames])
+    assert true[-1] / true[0] > 1.25
+    ratio = sizes(found.crop_from_canvas[:, 0]) / true
+    assert (np.abs(np.log(ratio)) < np.log(1.13)).all()  # two steps: one to see the growth, one of rounding
+    assert size_after(found) == pytest.approx(sizes(found.crop_from_canvas[:, 0])[-1])
+
+
+def test_a_wrong_first_size_is_mended():
+    scene, puppet, crops = drawn("walk")
+    found = searched(scene, puppet, crops, [0, 1, 2, 3], off=0.83)
+    wrong = errors(scene, puppet, found, [0, 1, 2, 3])[:, 0]
+    true = sizes(scene.video_from_canvas[:4])
+    assert abs(np.log(sizes(found.crop_from_canvas[:, 0]) / true)[-1]) < np.log(1.09)
+    assert wrong[-1] < BEST
+
+
+def test_frames_of_one_drawing_repeat_its_poses_where_the_window_moved_to():
+    scene, puppet, crops = drawn("twos", frames=4)
+    window = np.array([[[1.0, 0, x], [0, 1.0, y]] for x, y in ((10, 4), (17, 2), (3, 8), (12, 0))])
+    images = np.stack(
+        [crops.images[t, int(y) : int(y) + 112, int(x) : int(x) + 140] for t, (x, y) in enumerate(window[:, :, 2])]
+    )
+    boxes = crops.box_crop - np.pad(window[:, :, 2], ((0, 0), (0, 2)))
+    cut = dataclasses.replace(crops, size=(140, 112), video_from_crop=window, images=images, box_crop=boxes)
+    found = searched(scene, puppet, cut, [0, 1, 2])
+    moved = affine.compose(affine.invert(window[1]), window[0])
+    repeated = affine.compose(moved[None, None], found.crop_from_canvas[0])
+    np.testing.assert_allclose(found.crop_from_canvas[1], repeated)
+    np.testing.assert_array_equal(found.cost[1], found.cost[0])
+    np.testing.assert_array_equal(found.order[1], found.order[0])
+    assert np.abs(found.crop_from_canvas[2] - found.crop_from_canvas[1]).max() > 1.0
+    in_video = affine.compose(window[:3, None, None], found.crop_from_canvas)
+    assert errors(scene, puppet, dataclasses.replace(found, crop_from_canvas=in_video), [0, 1, 2])[:, 0].max() < BEST
+
+
+def test_same_again():
+    scene, puppet, crops = drawn("crossing", frames=2)
+    first, second = (searched(scene, puppet, crops, [0]) for _ in range(2))
+    np.testing.assert_array_equal(first.crop_from_canvas, second.crop_from_canvas)
+    np.testing.assert_array_equal(first.cost, second.cost)
