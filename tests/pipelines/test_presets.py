@@ -1,9 +1,13 @@
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
+from pipelines.cli import run_command
 from pipelines.presets import CONFIGS, check_names, merged, preset_names, read_preset
+from tests.pipelines.drawn import REFERENCE, drawn_in
+from wildpuppet.api import open_run
 from wildpuppet.errors import SettingsError
 from wildpuppet.settings import Settings
 
@@ -13,6 +17,23 @@ def test_presets_that_come_along_are_found_and_say_when_to_use_them() -> None:
     for name in preset_names():
         assert (CONFIGS / f"{name}.toml").read_text().startswith(f"# {name}: ")
         assert read_preset(name) != Settings()
+
+
+SHORT = {
+    "fast": ("--crop.box-pixels=64", "--search.box-pixels=24", "--search.num-best=1", "--fit.steps=3"),
+    "paper": ("--crop.box-pixels=64", "--puppet.edge=0.25", "--train.iterations=2", "--train.encoder-pixels=16"),
+}
+"""What makes a run with a preset short; the rest is the preset's own."""
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_every_preset_runs(name: str, tmp_path: Path) -> None:
+    drawn = drawn_in(tmp_path)
+    words = ["run", str(drawn.video), "--bbox", drawn.box, "--at", str(REFERENCE), "--puppet", str(drawn.puppet)]
+    words += ["--end", str(REFERENCE + 2), "--out", str(tmp_path / "out"), "--store", str(tmp_path / "store")]
+    assert run_command([*words, "--config", name, *SHORT[name]]) == 0
+    assert (tmp_path / "out" / "sheet.png").is_file()
+    assert np.isfinite(open_run(tmp_path / "out").fit.vertices_crop).all()
 
 
 def test_no_preset_is_all_defaults() -> None:

@@ -95,7 +95,7 @@ def objective_of(puppet: Puppet, crops: Crops, poses: Poses, as_printed: bool, d
     texture = Texture(texture.rgba.to(device), texture.uv.to(device))
 
     def on_device(array: np.ndarray) -> Tensor:
-        return torch.as_tensor(array, dtype=torch.float32, device=device)
+        return torch.tensor(array, dtype=torch.float32, device=device)
 
     order = torch.arange(puppet.num_layers, device=device)[None]
     mask = render(on_device(base)[None], mesh, texture, order, crops.size).rgba[..., 3]
