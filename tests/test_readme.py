@@ -5,12 +5,10 @@ import shlex
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
-from packaging.requirements import Requirement
 from PIL import Image
 
 from pipelines.cli import command_of, load, parse
@@ -89,19 +87,6 @@ def test_ci_calls_the_readmes_test_command() -> None:
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     assert f'TEST_COMMAND="{line}"' in script
     assert 'bash -c "$TEST_COMMAND"' in script
-
-
-def test_constraints_pin_every_direct_dependency_as_declared() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    declared = [
-        *project["dependencies"],
-        *(line for lines in project["optional-dependencies"].values() for line in lines),
-    ]
-    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
-    pinned = dict(line.split("==") for line in lines if not line.startswith("#"))
-    for requirement in map(Requirement, declared):
-        assert pinned[requirement.name.lower()] in requirement.specifier
-    assert set(pinned) == {Requirement(line).name.lower() for line in declared}
 
 
 def test_links_lead_to_files() -> None:
