@@ -72,7 +72,7 @@ class WindowImages:
         if self._matter is None:
             return np.full((size[1], size[0]), UNKNOWN, np.uint8)
         matte = self._matter.matte(t, crop, video_from_crop)
-        return np.where(inside_image(self._clip.size, video_from_crop, size) > 0, matte, UNKNOWN).astype(np.uint8)
+        return np.where(inside_image(self._clip.size, video_from_crop, size), matte, UNKNOWN).astype(np.uint8)
 
 
 def boxes_in_windows(

@@ -10,17 +10,18 @@ Where no plate is known (the box always stood there, the camera's motion could n
 which never make a matte sure. 128 is even odds.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from wildpuppet.crop.plate import learn_plates, plate_scale
+from wildpuppet.crop.plate import GUARD, learn_plates, plate_scale
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
-from wildpuppet.track.colours import NUM_BINS, Colours, counted
-from wildpuppet.track.plate import Plate
+from wildpuppet.track.colours import NUM_BINS, Colours, counted, normalised
+from wildpuppet.track.plate import Plate, median_plate
 from wildpuppet.track.survey import Survey
 from wildpuppet.types import Clip, Track
 
@@ -31,26 +32,51 @@ LOOSENESS = 0.7
 LEAST_NOISE = 2.5
 # Share of the character's pixels that look as the background behind them, and that differ clearly.
 CAMOUFLAGED, DIFFERING = 0.07, 0.9
-# Differences around the box are at least this common.
-LEAST_CLUTTER = 0.004
+# How common differences around the box are taken to be, at least and at most, and how far that reaches: the standard
+# deviation as a share of the box's larger side.
+LEAST_CLUTTER, MOST_CLUTTER, CLUTTER_REACH = 0.004, 0.9, 0.15
 # Squared difference, in units of noise, at which a pixel changes from "same" to "differs", and the width of the change.
 TURNING_POINT, TURNING_WIDTH = 16.0, 5.0
+# An edge pixel counts as background when the character covers no more of it than this, fully as the character from one
+# minus this on.
+LEAST_COVER = 0.3
 # Log-odds of place inside the box, and far outside it, reached at FAR of its larger side.
 PLACE_INSIDE, PLACE_OUTSIDE, FAR = 0.4, -2.5, 0.25
-# Weight of the colours' log-odds, and the most that they can say.
-COLOUR_WEIGHT, MOST_COLOUR = 0.8, 2.2
+# Weight of the colours' log-odds, and the least and most that they can say.
+COLOUR_WEIGHT, LEAST_COLOUR, MOST_COLOUR = 0.8, -4.0, 2.2
 # Learning colours: weight of pixels of the box whose background is not known.
 UNSURE = 0.4
+# Share of the pictures, those with most of it, that do not count when a colour of the character is learnt.
+LEFT_OUT = 0.3
+# Guessing what is behind the box: log-odds of colour that speak against the character, the share of the pictures that
+# must agree, and how far such a guess counts as known.
+BACKGROUND_COLOUR, LEAST_GUESSED, GUESSED = -0.4, 0.2, 0.5
+# This far from the box, in units of its larger side, everything counts as around the character.
+SURELY_OUTSIDE = 0.1
 # Edge-preserving smoothing: radius in crop pixels and the change of grey (0..1), squared, that counts as an edge.
 GUIDE_RADIUS, GUIDE_EDGE = 3, 4e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What the plate says about a crop: squared difference in units of noise, and how far it is known (0..1)."""
+    """What the plate says about a crop.
+
+    ``distance`` is the squared difference in units of noise, ``cover`` (0..1) what the difference is beside the
+    largest nearby: about the share of an edge pixel that the character covers. ``known``: how far the plate is.
+    """
 
     distance: Float[np.ndarray, "H W"]
+    cover: Float[np.ndarray, "H W"]
     known: Float[np.ndarray, "H W"]
+
+
+@dataclass(frozen=True, eq=False)
+class Behind:
+    """A shot's background as the matte uses it, on the plate's canvas; ``known`` is 0..1."""
+
+    colour: UInt8[np.ndarray, "h w 3"]
+    spread: UInt8[np.ndarray, "h w"]
+    known: Float[np.ndarray, "h w"]
 
 
 class Matter:
@@ -58,8 +84,11 @@ class Matter:
 
     def __init__(self, track: Track, survey: Survey, scale: float) -> None:
         self.track, self.survey, self.scale = track, survey, scale
-        self.known = {shot: known_share(plate) for shot, plate in survey.plates.items()}
+        self.behind = {
+            shot: Behind(plate.colour, plate.spread, known_share(plate)) for shot, plate in survey.plates.items()
+        }
         self.colours = self.learn_colours()
+        self.behind = {shot: self.completed(shot) for shot in survey.plates}
 
     def matte(
         self, t: int, crop: UInt8[np.ndarray, "H W 3"], video_from_crop: Float[np.ndarray, "2 3"]
@@ -67,52 +96,90 @@ class Matter:
         """Return 255 surely the character, 0 surely not, 128 unknown."""
         box = box_in_crop(self.track.boxes_video[t], video_from_crop)
         away = distance_from_box(box, crop.shape[:2])
-        seen = self.compare(t, crop, video_from_crop)
-        clutter = clutter_of(seen, away)
+        seen = self.compare(t, crop, video_from_crop, away)
+        clutter = clutter_of(seen, away, box)
         odds = plate_odds(seen, clutter)
-        odds += np.clip(COLOUR_WEIGHT * self.colours.log_odds(crop[..., ::-1]), -MOST_COLOUR, MOST_COLOUR)
+        odds += np.clip(COLOUR_WEIGHT * self.colours.log_odds(crop[..., ::-1]), LEAST_COLOUR, MOST_COLOUR)
         odds += place_odds(away)
         smooth = smoothed(odds, crop)
         return np.round(255.0 / (1.0 + np.exp(-smooth))).astype(np.uint8)
 
     def compare(
-        self, t: int, crop: UInt8[np.ndarray, "H W 3"], video_from_crop: Float[np.ndarray, "2 3"]
+        self,
+        t: int,
+        crop: UInt8[np.ndarray, "H W 3"],
+        video_from_crop: Float[np.ndarray, "2 3"],
+        away: Float[np.ndarray, "H W"],
     ) -> Comparison:
         """Compare a crop with its shot's plate."""
         shot = int(self.track.shot[t])
-        plate = self.survey.plates[shot]
-        small_from_crop = self.scale * video_from_crop
+        plate, behind = self.survey.plates[shot], self.behind[shot]
         plate_from_small = affine.compose(plate.plate_from_plane, self.survey.plane_from_frame[t])
-        matrix = affine.for_opencv(affine.compose(plate_from_small, small_from_crop))
+        matrix = affine.for_opencv(affine.compose(plate_from_small, self.scale * video_from_crop))
         size = crop.shape[1], crop.shape[0]
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        behind = cv2.warpAffine(plate.colour, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        spread = cv2.warpAffine(plate.spread, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        known = cv2.warpAffine(self.known[shot], matrix, size, flags=flags)
-        difference = cv2.absdiff(crop, behind).astype(np.float32)
-        gray = cv2.cvtColor(behind, cv2.COLOR_RGB2GRAY)
+        colour = cv2.warpAffine(behind.colour, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        spread = cv2.warpAffine(behind.spread, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        known = cv2.warpAffine(behind.known, matrix, size, flags=flags)
+        difference = cv2.absdiff(crop, colour).astype(np.float32)
+        gray = cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY)
         slope = np.abs(cv2.Sobel(gray, cv2.CV_32F, 1, 0)) + np.abs(cv2.Sobel(gray, cv2.CV_32F, 0, 1))
-        away = distance_from_box(box_in_crop(self.track.boxes_video[t], video_from_crop), crop.shape[:2])
         noise = noise_of(difference, (known > 0.99) & (away > 0.03))
         variance = noise**2 + spread.astype(np.float32) ** 2 + (LOOSENESS / 8 * slope) ** 2
         distance = cv2.GaussianBlur((difference**2).sum(2) / variance, (0, 0), 0.7)
-        return Comparison(distance, known)
+        return Comparison(distance, cover_of(difference), known)
 
     def learn_colours(self) -> Colours:
-        """Count the colours of the character and of what is around it over all kept pictures."""
-        inside, around = np.zeros(NUM_BINS), np.zeros(NUM_BINS)
-        video_from_small = affine.scale_and_shift(1.0 / self.scale, (0.0, 0.0))
-        for samples in self.survey.samples.values():
+        """Count the colours of the character and of what is around it over the kept pictures.
+
+        A colour is the character's when most pictures show it there: the largest counts are left out, so that what
+        comes near for a while does not lend it its colours.
+        """
+        inside, around = [], np.zeros(NUM_BINS)
+        for t, picture, box, away in self.sampled():
+            seen = self.compare(t, picture, self.video_from_small, away)
+            odds = plate_odds(seen, clutter_of(seen, away, box))
+            weight = np.where(seen.known > 0.5, 1.0 / (1.0 + np.exp(-odds)), UNSURE)
+            inside.append(normalised(counted(picture[..., ::-1], weight * (away <= 0.0))))
+            rest = np.where(away > SURELY_OUTSIDE, 1.0, (1.0 - weight) * ((away > 0.0) | (seen.known > 0.5)))
+            around += counted(picture[..., ::-1], rest * (away < 0.5))
+        if not inside:
+            return Colours(np.ones(NUM_BINS), np.ones(NUM_BINS))
+        kept = max(1, round((1.0 - LEFT_OUT) * len(inside)))
+        return Colours(np.sort(np.array(inside), 0)[:kept].mean(0), around)
+
+    def completed(self, shot: int) -> Behind:
+        """Guess the background where the box always stood, from pixels whose colour speaks against the character."""
+        samples, behind = self.survey.samples[shot], self.behind[shot]
+        visible = [
+            (255 * ((away > GUARD) | (self.colours.log_odds(picture[..., ::-1]) < BACKGROUND_COLOUR))).astype(np.uint8)
+            for _, picture, _, away in self.sampled(shot)
+        ]
+        maps = self.survey.plane_from_frame[list(samples)]
+        guess = median_plate(list(samples.values()), visible, maps)
+        enough = guess.count >= max(FULL_COUNT, LEAST_GUESSED * len(samples))
+        share = GUESSED * (enough & (guess.spread <= MOST_SPREAD)).astype(np.float32)
+        better = share > behind.known
+        return Behind(
+            np.where(better[..., None], guess.colour, behind.colour),
+            np.where(better, guess.spread, behind.spread),
+            np.maximum(share, behind.known),
+        )
+
+    @property
+    def video_from_small(self) -> Float[np.ndarray, "2 3"]:
+        """The map from the kept pictures to the video."""
+        return affine.scale_and_shift(1.0 / self.scale, (0.0, 0.0))
+
+    def sampled(
+        self, only: int | None = None
+    ) -> Iterator[tuple[int, UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "4"], Float[np.ndarray, "h w"]]]:
+        """Yield the kept pictures of one shot, or all where the character is: row, picture, box, distance from it."""
+        for shot, samples in self.survey.samples.items():
             for t, picture in samples.items():
-                if self.track.state[t] == "lost":
-                    continue
-                away = distance_from_box(box_in_crop(self.track.boxes_video[t], video_from_small), picture.shape[:2])
-                seen = self.compare(t, picture, video_from_small)
-                odds = plate_odds(seen, clutter_of(seen, away))
-                weight = np.where(seen.known > 0.5, 1.0 / (1.0 + np.exp(-odds)), UNSURE)
-                inside += counted(picture[..., ::-1], weight * (away <= 0.0))
-                around += counted(picture[..., ::-1], (1.0 - weight) * (away < 0.5) * ((away > 0.0) | (seen.known > 0.5)))
-        return Colours(inside, around)
+                box = box_in_crop(self.track.boxes_video[t], self.video_from_small)
+                if only is None and self.track.state[t] != "lost" or only == shot:
+                    yield t, picture, box, distance_from_box(box, picture.shape[:2])
 
 
 def prepare_matter(clip: Clip, track: Track, crop_from_video: float, machine: Machine) -> Matter:
@@ -136,21 +203,49 @@ def noise_of(difference: Float[np.ndarray, "H W 3"], background: Bool[np.ndarray
     return max(LEAST_NOISE, 1.48 * float(np.median(difference[background][::3])))
 
 
-def clutter_of(seen: Comparison, away: Float[np.ndarray, "H W"]) -> float:
-    """Measure how common differences are around the box, where the character hardly is."""
-    around = (away > 0.08) & (away < 0.5) & (seen.known > 0.5)
-    if around.sum() < 50:
-        return 0.1
-    return max(LEAST_CLUTTER, float((seen.distance[around] > TURNING_POINT).mean()))
+def clutter_of(
+    seen: Comparison, away: Float[np.ndarray, "H W"], box: Float[np.ndarray, "4"]
+) -> Float[np.ndarray, "H W"]:
+    """Measure how common differences are around the box, where the character hardly is, and nearer to some places."""
+    small = (max(seen.known.shape[1] // 4, 1), max(seen.known.shape[0] // 4, 1))
+    around = ((away > 0.08) & (seen.known > 0.5)).astype(np.float32)
+    weight = cv2.resize(around, small, interpolation=cv2.INTER_AREA)
+    differs = cv2.resize(around * (seen.distance > TURNING_POINT), small, interpolation=cv2.INTER_AREA)
+    # The share over the whole ring counts as much as a small part of the neighbourhood: it stands in where there is none.
+    overall = float(differs.sum() / weight.sum()) if weight.sum() > 3 else 0.1
+    deviation = max(CLUTTER_REACH * float(box[2:].max()) / 4.0, 0.5)
+    near = cv2.GaussianBlur(differs, (0, 0), deviation) + 0.02 * overall
+    local = near / (cv2.GaussianBlur(weight, (0, 0), deviation) + 0.02)
+    size = seen.known.shape[1], seen.known.shape[0]
+    clutter: np.ndarray = cv2.resize(np.clip(local, LEAST_CLUTTER, MOST_CLUTTER), size)
+    return clutter
 
 
-def plate_odds(seen: Comparison, clutter: float) -> Float[np.ndarray, "H W"]:
+def plate_odds(seen: Comparison, clutter: Float[np.ndarray, "H W"]) -> Float[np.ndarray, "H W"]:
     """Turn differences into log-odds, between those of "same" and "differs"."""
     same = np.log(CAMOUFLAGED / (1.0 - clutter))
-    differs = max(np.log(DIFFERING / clutter), 0.0)
+    differs = np.log(DIFFERING / clutter)
     turn = 1.0 / (1.0 + np.exp(-(seen.distance - TURNING_POINT).clip(-60, 60) / TURNING_WIDTH))
+    turn = np.where(
+        at_rim(turn > 0.5), turn * np.clip((seen.cover - LEAST_COVER) / (1 - 2 * LEAST_COVER), 0.0, 1.0), turn
+    )
     odds: np.ndarray = (seen.known * (same + (differs - same) * turn)).astype(np.float32)
     return odds
+
+
+def cover_of(difference: Float[np.ndarray, "H W 3"]) -> Float[np.ndarray, "H W"]:
+    """Compare each pixel's difference with the largest within two pixels."""
+    size = np.sqrt((difference**2).sum(2))
+    largest = cv2.dilate(cv2.GaussianBlur(size, (0, 0), 0.6), np.ones((5, 5), np.uint8))
+    cover: np.ndarray = size / np.maximum(largest, 1.0)
+    return cover
+
+
+def at_rim(differs: Bool[np.ndarray, "H W"]) -> Bool[np.ndarray, "H W"]:
+    """Mark pixels that lie within two pixels of background; pinholes are no background."""
+    closed = cv2.morphologyEx(differs.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    rim: np.ndarray = cv2.erode(closed, np.ones((5, 5), np.uint8)) == 0
+    return rim
 
 
 def place_odds(away: Float[np.ndarray, "H W"]) -> Float[np.ndarray, "H W"]:
@@ -162,7 +257,7 @@ def place_odds(away: Float[np.ndarray, "H W"]) -> Float[np.ndarray, "H W"]:
 
 def smoothed(odds: Float[np.ndarray, "H W"], crop: UInt8[np.ndarray, "H W 3"]) -> Float[np.ndarray, "H W"]:
     """Smooth log-odds inside areas of one colour; edges of the picture stay edges."""
-    guide = crop.astype(np.float32) / 255.0
+    guide = cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255.0
     result: np.ndarray = cv2.ximgproc.guidedFilter(guide, odds.astype(np.float32), GUIDE_RADIUS, GUIDE_EDGE)
     return result
 

@@ -2,7 +2,7 @@
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from wildpuppet.geometry import affine
 
@@ -46,10 +46,11 @@ def needed_region(
 
 def inside_image(
     image_size: tuple[int, int], image_from_crop: Float[np.ndarray, "2 3"], size: tuple[int, int]
-) -> UInt8[np.ndarray, "h w"]:
-    """Mark with 255 the crop pixels whose centres lie inside the image, with 0 those beyond it."""
-    x, y = np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5
-    grid = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-    points = affine.apply(image_from_crop, grid)
-    inside = ((points >= 0) & (points < np.array(image_size))).all(1)
-    return (inside.reshape(size[1], size[0]) * 255).astype(np.uint8)
+) -> Bool[np.ndarray, "h w"]:
+    """Mark the crop pixels whose centres lie inside the image; the map must be pure scale and shift."""
+    if image_from_crop[0, 1] != 0.0 or image_from_crop[1, 0] != 0.0:
+        raise ValueError("inside_image: expected a map without a turn")
+    x = image_from_crop[0, 0] * (np.arange(size[0]) + 0.5) + image_from_crop[0, 2]
+    y = image_from_crop[1, 1] * (np.arange(size[1]) + 0.5) + image_from_crop[1, 2]
+    inside: np.ndarray = ((y >= 0) & (y < image_size[1]))[:, None] & ((x >= 0) & (x < image_size[0]))
+    return inside

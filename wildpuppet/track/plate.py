@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from wildpuppet.geometry import affine
+from wildpuppet.track.plate_kernel import masked_median
 
 TILE = 192
 # A plate is not made larger than this many times its pictures' area; a longer pan is cut off.
@@ -74,22 +75,3 @@ def tile_stack(
         stack.append(cv2.warpAffine(picture, matrix, size, borderMode=cv2.BORDER_REPLICATE))
         masks.append(255 * (cv2.warpAffine(mask, matrix, size) == 255).astype(np.uint8))
     return np.array(stack, np.uint8), np.array(masks, np.uint8)
-
-
-def masked_median(
-    stack: UInt8[np.ndarray, "m h w 3"], seen: UInt8[np.ndarray, "m h w"]
-) -> tuple[UInt8[np.ndarray, "h w 3"], UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]:
-    """Take the median over what is seen, the median deviation from it (largest channel) and the number seen."""
-    count = (seen > 0).sum(0)
-    # Last axis for the pictures: sorting is then quick. What is not seen sorts to the end.
-    values = np.where((seen > 0)[..., None], stack.astype(np.int16), np.int16(256)).transpose(1, 2, 3, 0)
-    middle = np.maximum(count - 1, 0)[..., None, None] // 2
-    median = np.take_along_axis(np.sort(values, -1), np.broadcast_to(middle, (*values.shape[:3], 1)), -1)
-    deviation = np.where(values < 256, np.abs(values - median), np.int16(256)).max(2)
-    spread = np.take_along_axis(np.sort(deviation, -1), middle[..., 0], -1)[..., 0]
-    median = np.where(count[..., None] > 0, median[..., 0], 0)
-    return (
-        median.astype(np.uint8),
-        np.where(count > 0, spread, 255).clip(0, 255).astype(np.uint8),
-        count.astype(np.uint8),
-    )
