@@ -6,7 +6,8 @@ moved, so the whole puppet is only shifted, turned and scaled there.
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
+from torch import Tensor
 
 from wildpuppet.fit import curvature
 from wildpuppet.fit.confidence import confidence_of
@@ -20,6 +21,8 @@ from wildpuppet.types import Crops, Fit, FitState, Poses, Puppet
 
 BATCH = 8
 """Frames solved together; a bound on memory."""
+STEADY = 0.97
+"""A held frame leaves its place for an energy lower than this share only: a hold must not tremble."""
 
 
 def fit(puppet: Puppet, crops: Crops, poses: Poses, frames: slice, settings: FitSettings, machine: Machine) -> Fit:
@@ -27,15 +30,18 @@ def fit(puppet: Puppet, crops: Crops, poses: Poses, frames: slice, settings: Fit
     torch.set_num_threads(1)  # the kernels have threads of their own; torch's slow small work down on a busy machine
     index = np.arange(*frames.indices(len(crops.frames)))
     is_first = np.r_[True, np.diff(crops.drawing[index]) != 0]
+    first = np.maximum.accumulate(np.where(is_first, np.arange(len(index)), 0))
     vertices = pose_vertices(puppet, poses.crop_from_canvas[index]).astype(np.float32)
     results: dict[int, tuple[Float[np.ndarray, "V 2"], Float[np.ndarray, "V"], dict[str, float]]] = {}
     done = 0
     for held in (False, True):
         chosen = np.flatnonzero(is_first != held)
-        if held:
-            _start_from_held(crops, index, vertices, results)
         for part in np.array_split(chosen, max(1, -(-len(chosen) // BATCH))) if len(chosen) else ():
-            solved = _solve(puppet, crops, index[part], vertices[part], poses.order[index[part]], settings, held)
+            order, start = poses.order[index[part]], vertices[part]
+            if held:
+                posed = np.stack([results[int(i)][0] for i in first[part]])
+                start = _start_of_held(puppet, crops, index[part], index[first[part]], posed, order, settings)
+            solved = _solve(puppet, crops, index[part], start, order, settings, held)
             results.update(zip((int(i) for i in part), solved, strict=True))
             done += len(part)
             machine.progress(done, len(index))
@@ -68,20 +74,30 @@ def _state(crops: Crops, index: int, is_first: bool) -> FitState:
     return "fitted" if is_first else "held"
 
 
-def _start_from_held(
+def _start_of_held(
+    puppet: Puppet,
     crops: Crops,
-    index: Int[np.ndarray, "n"],
-    vertices: Float[np.ndarray, "n V 2"],
-    results: dict[int, tuple[Float[np.ndarray, "V 2"], Float[np.ndarray, "V"], dict[str, float]]],
-) -> None:
-    """Start every held frame from its drawing's first frame, standing still in the video."""
-    for i in range(1, len(index)):
-        if i not in results:
-            first = max(k for k in results if k < i)
-            crop_from_first = affine.compose(
-                affine.invert(crops.video_from_crop[index[i]]), crops.video_from_crop[index[first]]
-            )
-            vertices[i] = affine.apply(crop_from_first, results[first][0])
+    index: Int[np.ndarray, "B"],
+    first: Int[np.ndarray, "B"],
+    posed: Float[np.ndarray, "B V 2"],
+    order: Int[np.ndarray, "B L"],
+    settings: FitSettings,
+) -> Float[np.ndarray, "B V 2"]:
+    """Start from the drawings' first frames, standing still in the video or in the crop, as the picture says.
+
+    Under a still camera the first is exact. Under a moving one the second is nearly right: holds are recognised by
+    crops that agree but for a few pixels.
+    """
+    crop_from_first = affine.compose(affine.invert(crops.video_from_crop[index]), crops.video_from_crop[first])
+    starts = torch.from_numpy(np.stack([affine.apply(crop_from_first, posed), posed]).astype(np.float32))
+    target = target_at(_images(crops, index), settings.levels[0][0], settings.matte * settings.robust**2)
+    scaled = starts * target.level
+    still, moving = (energies(make_problem(puppet, target, order, start, settings), start)[0] for start in scaled)
+    return torch.where((still <= moving)[:, None, None], starts[0], starts[1]).numpy()
+
+
+def _images(crops: Crops, index: Int[np.ndarray, "B"]) -> UInt8[np.ndarray, "B H W 4"]:
+    return np.concatenate([crops.images[int(i) : int(i) + 1] for i in index])
 
 
 def _solve(
@@ -93,7 +109,7 @@ def _solve(
     settings: FitSettings,
     held: bool,
 ) -> list[tuple[Float[np.ndarray, "V 2"], Float[np.ndarray, "V"], dict[str, float]]]:
-    images = np.concatenate([crops.images[int(i) : int(i) + 1] for i in index])
+    images = _images(crops, index)
     current = torch.from_numpy(vertices)
     groups = np.zeros_like(puppet.layer_of_vertex) if held else puppet.layer_of_vertex
     bones = curvature.Bones(groups, puppet, settings.hold_scale)
@@ -103,13 +119,20 @@ def _solve(
         start = current * level
         problem = make_problem(puppet, target, order, start, settings)
         start = descend(problem, start, round(settings.steps * bone_share), bones, with_mesh=False)
-        if not held:
-            start = descend(problem, start, round(settings.steps * mesh_share), bones, with_mesh=True)
+        start = descend(problem, start, round(settings.steps * mesh_share), bones, with_mesh=not held)
         current = start / level
     assert problem is not None
+    if held:
+        current = _steady(problem, torch.from_numpy(vertices), current)
     _, _, terms = energies(problem, current * problem.target.level)
     confidence = confidence_of(problem, current * problem.target.level)
     return [
         (current[b].numpy(), confidence[b], {name: float(value[b]) for name, value in terms.items()})
         for b in range(len(index))
     ]
+
+
+def _steady(problem: Problem, start: Float[Tensor, "B V 2"], found: Float[Tensor, "B V 2"]) -> Float[Tensor, "B V 2"]:
+    """Keep each frame where it started unless the descent gained by it."""
+    before, after = (energies(problem, vertices * problem.target.level)[0] for vertices in (start, found))
+    return torch.where((after < STEADY * before)[:, None, None], found, start)
