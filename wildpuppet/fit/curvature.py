@@ -28,7 +28,7 @@ def data_curvature(puppet: Puppet, texture: Texture) -> Float[np.ndarray, "V"]:
     rows, columns = np.nonzero(energy > 0)
     uv = texture.uv.numpy()
     _, nearest = cKDTree(uv).query(np.stack([columns + 0.5, rows + 0.5], -1))
-    return np.bincount(nearest, energy[rows, columns], len(uv))
+    return np.bincount(nearest, energy[rows, columns], len(uv)).astype(np.float64)  # counts where nothing slopes
 
 
 def stiffness_matrix(puppet: Puppet) -> Float[np.ndarray, "V V"]:
