@@ -23,6 +23,9 @@ LEAST_COVER = 0.25
 """Share of a block that must be character for it to count."""
 CONTRAST_TOLERANCE = 0.15
 """Change allowed in a block, as a share of its local contrast; fine detail that is sampled anew changes so much."""
+UNSURE, SURE = 0.55, 0.9
+"""A pixel counts from the first matte on and fully from the second: what lies beyond the video's edge is unknown (0.5)
+and changes with every move of the camera."""
 LARGEST_SHIFT = 3.0
 """Largest global shift, pixels; held frames further off count as new, which only costs time."""
 SHIFT_ROUNDS = 6
@@ -92,7 +95,10 @@ def largest_change(
 
 def _picture(rgba: UInt8[np.ndarray, "H W 4"]) -> _Picture:
     colour = ndimage.gaussian_filter(rgba[..., :3].astype(np.float32), (BLUR, BLUR, 0.0), truncate=3.0)
-    return _Picture(colour, rgba[..., 3].astype(np.float32) / 255.0)
+    matte = rgba[..., 3].astype(np.float32) / 255.0
+    if matte.max() <= UNSURE:  # no matte was made: all of the picture counts
+        return _Picture(colour, matte)
+    return _Picture(colour, np.clip((matte - UNSURE) / (SURE - UNSURE), 0.0, 1.0))
 
 
 def _shift_between(
