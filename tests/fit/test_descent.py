@@ -59,19 +59,22 @@ CASES = {
 def test_gradient_matches_finite_differences_of_the_robust_energy(puppet_and_truth, case):
     """The weights that are held fixed are the robust function's slopes, so this is its whole gradient.
 
-    Single precision leaves about 1e-5 of the energy; over a difference of a fiftieth of a pixel that is within 1 %.
+    Differences over 0.04 pixels meet the kinks of a bilinear texture, which change a slope by about one in a hundred;
+    the other terms are smooth, and single precision is what is left.
     """
     _, problem_for, true = puppet_and_truth
     problem = problem_for(*CASES[case])
     vertices = true + smooth_field(true, 0)
     _, gradient, _ = energies(problem, vertices)
-    step = 0.02
-    for seed in (1, 2, 3):
-        field = smooth_field(true, seed)
+    step, tolerance = 0.02, 0.01 if problem.settings.reconstruction else 1e-3
+    steepest = gradient / gradient.norm(dim=-1).amax(1)[:, None, None]
+    for field in (steepest, smooth_field(true, 1), smooth_field(true, 2)):
         ahead, behind = (energies(problem, vertices + sign * step * field)[0] for sign in (1, -1))
         expected = (ahead - behind) / (2 * step)
-        size = (gradient.norm(dim=-1) * field.norm(dim=-1)).sum(1)  # no cancelling: what the tolerance is a share of
-        torch.testing.assert_close((gradient * field).sum((1, 2)) / size, expected / size, rtol=0.02, atol=0.01)
+        size = (gradient.norm(dim=-1) * field.norm(dim=-1)).sum(1)  # nothing cancels: what tolerances are shares of
+        torch.testing.assert_close(
+            (gradient * field).sum((1, 2)) / size, expected / size, rtol=tolerance, atol=tolerance
+        )
 
 
 def test_terms_add_up_to_the_whole(puppet_and_truth):
