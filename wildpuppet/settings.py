@@ -35,7 +35,7 @@ class TrackSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The OpenCV tracker; the last three need ``model``."""
     model: str = ""
     """Model file(s) for nano, vit and dasiamrpn, comma-separated in OpenCV's order."""
-    smooth_frames: NotNegative = 4.0
+    smooth_frames: NotNegative = 2.0
     """Standard deviation of the boxes' smoothing, in frames. Higher is steadier and slower to follow."""
     lost_score: Share = 0.35
     """Appearance score under which the character counts as lost."""
@@ -44,7 +44,7 @@ class TrackSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class CropSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Cutting windows around the character, the background plate and the matte."""
 
-    margin: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.4
+    margin: Annotated[float, Meta(ge=0.0, le=3.0)] = 0.25
     """Window size beyond the box, as a share of the box's larger side, on each side."""
     box_pixels: Annotated[int, Meta(ge=32, le=1024)] = 224
     """Crop pixels along the larger side of the character's box. Higher is finer and slower (quadratic)."""

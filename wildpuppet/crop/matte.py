@@ -102,7 +102,8 @@ class Matter:
         odds += np.clip(COLOUR_WEIGHT * self.colours.log_odds(crop[..., ::-1]), LEAST_COLOUR, MOST_COLOUR)
         odds += place_odds(away)
         smooth = smoothed(odds, crop)
-        return np.round(255.0 / (1.0 + np.exp(-smooth))).astype(np.uint8)
+        matte: np.ndarray = np.round(255.0 / (1.0 + np.exp(-smooth))).astype(np.uint8)
+        return matte
 
     def compare(
         self,
@@ -178,7 +179,7 @@ class Matter:
         for shot, samples in self.survey.samples.items():
             for t, picture in samples.items():
                 box = box_in_crop(self.track.boxes_video[t], self.video_from_small)
-                if only is None and self.track.state[t] != "lost" or only == shot:
+                if only == shot or (only is None and self.track.state[t] != "lost"):
                     yield t, picture, box, distance_from_box(box, picture.shape[:2])
 
 
@@ -211,7 +212,7 @@ def clutter_of(
     around = ((away > 0.08) & (seen.known > 0.5)).astype(np.float32)
     weight = cv2.resize(around, small, interpolation=cv2.INTER_AREA)
     differs = cv2.resize(around * (seen.distance > TURNING_POINT), small, interpolation=cv2.INTER_AREA)
-    # The share over the whole ring counts as much as a small part of the neighbourhood: it stands in where there is none.
+    # The share over the whole ring counts a little everywhere: it stands in where the neighbourhood holds none of it.
     overall = float(differs.sum() / weight.sum()) if weight.sum() > 3 else 0.1
     deviation = max(CLUTTER_REACH * float(box[2:].max()) / 4.0, 0.5)
     near = cv2.GaussianBlur(differs, (0, 0), deviation) + 0.02 * overall

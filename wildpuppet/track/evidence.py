@@ -15,6 +15,8 @@ MOVED_AWAY = 0.15
 AWAY_COLOUR, HERE_COLOUR = -0.4, 0.7
 # Weight of a pixel of the reference box that may be background.
 UNSURE = 0.4
+# A strip beyond a side, this share of the larger side wide, is crowded when so much of it has changed.
+STRIP, CROWDED = 0.25, 0.25
 # A box is filled by the character when this share more of it is foreground than of what is around it.
 FILLED = 0.2
 
@@ -50,6 +52,19 @@ class Evidence:
         beside = float((self.odds[around_known] > 0).mean()) if around_known.sum() >= 10 else 0.0
         share = float(inside_known.sum()) / max(float(inside.sum()), 1.0)
         return float(np.clip((filled - beside) / FILLED, 0.0, 1.0)), share
+
+    def crowded(self, box: Box) -> Bool[np.ndarray, "4"]:
+        """Say beyond which sides (left, top, right, bottom) much of the known background has changed."""
+        x, y, w, h = box
+        by = STRIP * max(w, h)
+        strips = ((x - by, y, by, h), (x, y - by, w, by), (x + w, y, by, h), (x, y + h, w, by))
+        changed = [(self.odds[strip] > 0).mean() if strip.any() else 0.0 for strip in map(self.known_in, strips)]
+        crowded: np.ndarray = np.array(changed) > CROWDED
+        return crowded
+
+    def known_in(self, box: Box) -> Bool[np.ndarray, "a b"]:
+        """Mark known background inside a box."""
+        return inside_box(self.region, box, 0.0) & self.known
 
 
 def gather(

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
 from wildpuppet.settings import TrackSettings
 from wildpuppet.track.appearance import Appearance
@@ -31,7 +31,7 @@ REACH = 0.3
 # The box is moved to where the foreground is only if the character has surely moved away.
 LEAST_AWAY = 0.5
 # A side follows its measurement by this share, and by at most this share of the box in one frame.
-GAIN, MOST_CHANGE = 0.5, 0.1
+GAIN, MOST_CHANGE = 0.8, 0.15
 # Where the character hardly leaves its place, a box grows by at most this factor over its remembered size, which
 # follows slowly.
 MOST_GROWTH, MEMORY_RATE = 1.2, 0.03
@@ -126,20 +126,28 @@ class Follower:
         if extent is None:
             return predicted
         found, free = extent
+        change = np.where(free, to_sides(found) - to_sides(inner), 0.0)
+        if not self.scene.is_settled(index):
+            change = self.held_back(change, evidence, inner)
         limit = MOST_CHANGE * np.array([predicted[2], predicted[3]] * 2)
-        change = np.clip(GAIN * (to_sides(found) - to_sides(inner)), -limit, limit) * np.array(free)
-        left, top, right, bottom = to_sides(predicted) + change
-        box = self.bounded(index, (float(left), float(top), float(right - left), float(bottom - top)))
+        left, top, right, bottom = to_sides(predicted) + np.clip(GAIN * change, -limit, limit)
+        box = (float(left), float(top), float(right - left), float(bottom - top))
+        self.size = (1 - MEMORY_RATE) * self.size + MEMORY_RATE * np.array(box[2:])
         self.disagreements = self.disagreements + 1 if overlap(self.tracked, box) < AGREEMENT else 0
         return box
 
-    def bounded(self, index: int, box: Box) -> Box:
-        """Where the character hardly leaves its place, keep the size near what it was for a while."""
-        self.size = (1 - MEMORY_RATE) * self.size + MEMORY_RATE * np.array(box[2:])
-        if self.scene.is_settled(index):
-            return box
-        width, height = np.minimum(np.array(box[2:]), MOST_GROWTH * self.size)
-        return box[0] + (box[2] - width) / 2, box[1] + (box[3] - height) / 2, float(width), float(height)
+    def held_back(self, change: Float[np.ndarray, "4"], evidence: Evidence, box: Box) -> Float[np.ndarray, "4"]:
+        """Where the character hardly leaves its place, let sides move out only against little that moves behind.
+
+        And keep the size near what it was for a while. ``change`` moves left, top, right, bottom.
+        """
+        outward = change * np.array([-1.0, -1.0, 1.0, 1.0]) > 0
+        change = np.where(outward & evidence.crowded(box), 0.0, change)
+        sizes = np.array(box[2:]) + change[2:] - change[:2]
+        surplus = np.maximum(sizes - np.maximum(MOST_GROWTH * self.size, box[2:]), 0.0)
+        growth = np.where(outward, np.abs(change), 0.0)
+        total = np.maximum(growth[:2] + growth[2:], 1e-9)
+        return change * np.where(outward, 1.0 - np.tile(np.minimum(surplus / total, 1.0), 2), 1.0)
 
     def judge(self, image: UInt8[np.ndarray, "h w 3"], evidence: Evidence | None, box: Box) -> tuple[float, float]:
         """Return how much a box looks like the character, and the same with what the background says."""
