@@ -156,6 +156,14 @@ def test_prune_keeps_what_runs_use(tmp_path: Path) -> None:
     assert store.prune().entries == 1
 
 
+def test_notes_that_others_write_or_forget_meanwhile_are_passed_over(tmp_path: Path) -> None:
+    store = Store(tmp_path / "store")
+    store.note_run("ours", {"keys": ["key"]})
+    (tmp_path / "store" / "runs" / f"{atomic.PREFIX}1-ab-theirs.json").write_text('{"ke')
+    (tmp_path / "store" / "runs" / "forgotten.json").symlink_to(tmp_path / "nowhere")
+    assert store.runs() == {"ours": {"keys": ["key"]}}
+
+
 def test_checkpoint_outlives_a_failure_and_goes_with_the_result(tmp_path: Path) -> None:
     store = Store(tmp_path / "store")
 

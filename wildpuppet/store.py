@@ -16,7 +16,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -241,9 +241,14 @@ class Store:
         atomic.write_text(self.folder / "runs" / f"{name}.json", json.dumps(note, indent=1, sort_keys=True) + "\n")
 
     def runs(self) -> dict[str, dict[str, Any]]:
-        """Give the notes of all runs by name, newest last."""
-        paths = sorted((self.folder / "runs").glob("*.json"), key=lambda path: (path.stat().st_mtime_ns, path))
-        return {path.stem: read_json(path) for path in paths}
+        """Give the notes of all runs by name, newest last; other runs may write and forget theirs meanwhile."""
+        found: list[tuple[int, str, dict[str, Any]]] = []
+        for path in (self.folder / "runs").glob("*.json"):
+            if path.name.startswith(atomic.PREFIX):
+                continue  # not whole yet
+            with suppress(FileNotFoundError):
+                found.append((path.stat().st_mtime_ns, path.stem, read_json(path)))
+        return {name: note for _, name, note in sorted(found, key=lambda one: one[:2])}
 
     def forget_run(self, name: str) -> None:
         """Remove a run's note."""
