@@ -39,29 +39,38 @@ def choose(puppet: Puppet, crops: Crops, hypotheses: Hypotheses, settings: Searc
 def _pick_over_time(
     puppet: Puppet, crops: Crops, hypotheses: Hypotheses, settings: SearchSettings
 ) -> Int[np.ndarray, "T"]:
-    vertices = pose_vertices(puppet, hypotheses.crop_from_canvas)
-    size = float(np.median(np.ptp(vertices[:, 0], axis=1).max(-1)))
+    def vertices_at(frame: int) -> Float[np.ndarray, "N V 2"]:  # of all frames at once they would fill the memory
+        return pose_vertices(puppet, hypotheses.crop_from_canvas[frame])
+
+    size = float(np.median([np.ptp(vertices_at(frame)[0], axis=0).max() for frame in range(len(crops.frames))]))
     picked = np.zeros(len(crops.frames), np.int64)
     for shot in np.unique(crops.shot):
         index = np.flatnonzero(crops.shot == shot)
         starts = index[np.r_[True, np.diff(crops.drawing[index]) != 0]]
         steps = [
-            settings.time_weight * _movement(puppet, crops, vertices, int(a), int(b)) / size
-            for a, b in pairwise(starts)
+            settings.time_weight * _movement(puppet, _between(crops, a, b), vertices_at(a), vertices_at(b)) / size
+            for a, b in pairwise(starts.tolist())
         ]
         path = best_path(hypotheses.cost[starts], steps)
         picked[index] = path[np.searchsorted(starts, index, side="right") - 1]
     return picked
 
 
+def _between(crops: Crops, a: int, b: int) -> Float[np.ndarray, "2 3"]:
+    """Map crop a to crop b, both standing still in the video."""
+    return affine.compose(affine.invert(crops.video_from_crop[b]), crops.video_from_crop[a])
+
+
 def _movement(
-    puppet: Puppet, crops: Crops, vertices: Float[np.ndarray, "T N V 2"], a: int, b: int
+    puppet: Puppet,
+    after_from_before: Float[np.ndarray, "2 3"],
+    before: Float[np.ndarray, "N V 2"],
+    after: Float[np.ndarray, "N V 2"],
 ) -> Float[np.ndarray, "N N"]:
     """Mean movement of the vertices between two frames' hypotheses, each vertex's share bounded, crop pixels."""
-    b_from_a = affine.compose(affine.invert(crops.video_from_crop[b]), crops.video_from_crop[a])
-    moved = affine.apply(b_from_a[None], vertices[a])
-    far = np.linalg.norm(moved[:, None] - vertices[b][None], axis=-1)
-    limit = 0.15 * float(np.ptp(vertices[b, 0], axis=0).max())
+    moved = affine.apply(after_from_before[None], before)
+    far = np.linalg.norm(moved[:, None] - after[None], axis=-1)
+    limit = 0.15 * float(np.ptp(after[0], axis=0).max())
     per_layer = np.stack(
         [np.minimum(far[..., puppet.layer_of_vertex == layer], limit).mean(-1) for layer in range(puppet.num_layers)]
     )
