@@ -1,4 +1,4 @@
-"""The fit on drawn figures of 160 pixels, from true poses that were disturbed by a few pixels and degrees."""
+"""The fit on drawn figures of 150 pixels, from true poses that were disturbed by a few pixels and degrees."""
 
 import dataclasses
 
@@ -16,11 +16,12 @@ from wildpuppet.settings import FitSettings, PuppetSettings
 from wildpuppet.types import Crops, Fit, Poses, Puppet
 
 torch.set_num_threads(1)
-SIZE = (208, 224)
+SIZE = (184, 184)
 PIXELS, DEGREES = 2.0, 5.0
 """Standard deviations of each part's place and turn at the start: the median vertex is then some 3 pixels off."""
+UNMOVED = FitSettings(steps=0)
 SUB_PIXEL = 0.4
-"""Bound of the median error, pixels. The art is sampled at one canvas pixel, 0.8 crop pixels: half of that."""
+"""Bound of the median error, pixels. The art is sampled at one canvas pixel, 0.77 crop pixels: half of that."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ class Case:
 
 def drawn(kind, frames: int = 24, hold: int = 1, camera: Camera | None = None) -> Case:
     """A scene and windows around the figure that follow its box unevenly, by whole pixels."""
-    scene = make_scene(kind, frames=frames, hold=hold, camera=camera)
+    scene = make_scene(kind, frames, (256, 192), hold=hold, camera=camera, height=0.8)
     whole, (height, width) = crops_of(scene), scene.frames.shape[1:3]
     middle = scene.boxes[:, :2] + scene.boxes[:, 2:] / 2 + np.random.default_rng(0).integers(-2, 3, (frames, 2))
     corners = np.clip(np.round(middle - np.array(SIZE) / 2), 0, (width - SIZE[0], height - SIZE[1])).astype(int)
@@ -88,15 +89,15 @@ def similarity_residual(shape: np.ndarray, other: np.ndarray) -> float:
 def test_disturbed_poses_come_back_to_less_than_a_pixel(kind):
     case = drawn(kind)
     poses = disturbed(case)
-    before = case.errors(case.fitted(slice(4, 7), poses, FitSettings(steps=0)))
-    found = case.fitted(slice(4, 7), poses)
+    before = case.errors(case.fitted(slice(4, 6), poses, UNMOVED))
+    found = case.fitted(slice(4, 6), poses)
     assert before.min() > 2.0
     assert case.errors(found).max() < SUB_PIXEL
-    assert found.state == ("fitted",) * 3
-    assert np.array_equal(found.frames, [4, 5, 6])
+    assert found.state == ("fitted",) * 2
+    assert np.array_equal(found.frames, [4, 5])
     assert found.confidence.min() >= 0
     assert found.confidence.max() <= 1
-    assert all(values.shape == (3,) and np.isfinite(values).all() for values in found.losses.values())
+    assert all(values.shape == (2,) and np.isfinite(values).all() for values in found.losses.values())
 
 
 @pytest.mark.parametrize("camera", ["pan", "zoom"])
@@ -112,60 +113,60 @@ def test_a_held_drawing_keeps_its_shape_under_a_moving_camera(camera):
 
 def test_a_held_drawing_stands_still_under_a_still_camera():
     case = drawn("walk", hold=3)
-    found = case.fitted(slice(6, 12), disturbed(case))
-    assert found.state == ("fitted", "held", "held") * 2
-    in_video = found.vertices_crop + case.corners[6:12, None]
+    found = case.fitted(slice(6, 10), disturbed(case))
+    assert found.state == ("fitted", "held", "held", "fitted")
+    in_video = found.vertices_crop + case.corners[6:10, None]
     np.testing.assert_allclose(in_video[1:3], np.broadcast_to(in_video[0], in_video[1:3].shape), atol=1e-4)
-    np.testing.assert_allclose(in_video[4:6], np.broadcast_to(in_video[3], in_video[4:6].shape), atol=1e-4)
     assert np.abs(in_video[3] - in_video[0]).max() > 3.0
     assert case.errors(found).max() < SUB_PIXEL
 
 
-def test_no_steps_give_the_poses_as_they_are():
-    case = drawn("crossing", frames=4)
-    found = case.fitted(slice(1, 3), case.poses(), FitSettings(steps=0))
-    np.testing.assert_allclose(found.vertices_crop, case.true()[1:3], atol=1e-3)
+@pytest.fixture(scope="module")
+def short() -> Case:
+    """Three drawings, two frames each; the layers change places."""
+    return drawn("order", frames=6, hold=2)
 
 
-def test_join_puts_chunks_in_order():
-    case = drawn("order", frames=6, hold=2)
-    still, poses = FitSettings(steps=0), case.poses()
-    whole = case.fitted(slice(0, 6), poses, still)
-    joined = join([case.fitted(part, poses, still) for part in (slice(0, 2), slice(2, 4), slice(4, 6))])
+def test_no_steps_give_the_poses_as_they_are(short):
+    found = short.fitted(slice(2, 4), short.poses(), UNMOVED)
+    np.testing.assert_allclose(found.vertices_crop, short.true()[2:4], atol=1e-3)
+
+
+def test_join_puts_chunks_in_order(short):
+    whole = short.fitted(slice(0, 6), short.poses(), UNMOVED)
+    joined = join([short.fitted(part, short.poses(), UNMOVED) for part in (slice(0, 4), slice(4, 6))])
     np.testing.assert_array_equal(joined.frames, np.arange(6))
     np.testing.assert_allclose(joined.vertices_crop, whole.vertices_crop, atol=1e-4)
-    np.testing.assert_array_equal(joined.order, case.scene.order)
+    np.testing.assert_array_equal(joined.order, short.scene.order)
     assert joined.state == ("fitted", "held") * 3
     assert joined.confidence.shape == whole.confidence.shape
     assert joined.losses.keys() == whole.losses.keys()
     assert all(len(values) == 6 for values in joined.losses.values())
 
 
-def test_lost_frames_say_so():
-    case = drawn("walk", frames=4)
-    lost = dataclasses.replace(case.crops, state=("followed", "lost", "found", "bridged"))
-    found = dataclasses.replace(case, crops=lost).fitted(slice(0, 4), case.poses(), FitSettings(steps=0))
-    assert found.state == ("fitted", "lost", "fitted", "fitted")
+def test_lost_frames_say_so(short):
+    lost = dataclasses.replace(short.crops, state=("followed", "followed", "lost", "lost", "found", "bridged"))
+    found = dataclasses.replace(short, crops=lost).fitted(slice(0, 6), short.poses(), UNMOVED)
+    assert found.state == ("fitted", "held", "lost", "lost", "fitted", "held")
 
 
-def test_a_misplaced_part_is_trusted_less():
-    case = drawn("walk", frames=3)
-    poses, still = case.poses(), FitSettings(steps=0)
-    head = case.puppet.layer_of_vertex == case.scene.layer("head")
+def test_a_misplaced_part_is_trusted_less(short):
+    poses = short.poses()
+    head = short.puppet.layer_of_vertex == short.scene.layer("head")
     wrong = poses.crop_from_canvas.copy()
-    wrong[:, case.scene.layer("head"), 0, 2] += 25.0
+    wrong[:, short.scene.layer("head"), 0, 2] += 25.0
     right, off = (
-        case.fitted(slice(0, 3), dataclasses.replace(poses, crop_from_canvas=maps), still).confidence
+        short.fitted(slice(0, 2), dataclasses.replace(poses, crop_from_canvas=maps), UNMOVED).confidence
         for maps in (poses.crop_from_canvas, wrong)
     )
     assert off[:, head].mean() < 0.6 * right[:, head].mean()
-    feet = case.puppet.layer_of_vertex == case.scene.layer("right_shin")
+    feet = short.puppet.layer_of_vertex == short.scene.layer("right_shin")
     np.testing.assert_allclose(off[:, feet], right[:, feet], atol=0.1)
 
 
-def test_progress_reaches_its_total():
-    case, told = drawn("walk", frames=5, hold=2), []
+def test_progress_reaches_its_total(short):
+    told: list[tuple[int, int]] = []
     machine = Machine(workers=1, progress=lambda done, total: told.append((done, total)))
-    fit(case.puppet, case.crops, case.poses(), slice(0, 5), FitSettings(steps=0), machine)
+    fit(short.puppet, short.crops, short.poses(), slice(0, 5), UNMOVED, machine)
     assert told[-1] == (5, 5)
     assert [done for done, _ in told] == sorted(done for done, _ in told)
