@@ -17,6 +17,8 @@ AWAY_COLOUR, HERE_COLOUR = -0.4, 0.7
 UNSURE = 0.4
 # A strip beyond a side, this share of the larger side wide, is crowded when so much of it has changed.
 STRIP, CROWDED = 0.25, 0.25
+# Unless the log-odds of the changed colours are, in the mean, at least this.
+CROWD_COLOUR = 0.6
 # A box is filled by the character when this share more of it is foreground than of what is around it.
 FILLED = 0.2
 
@@ -54,17 +56,23 @@ class Evidence:
         return float(np.clip((filled - beside) / FILLED, 0.0, 1.0)), share
 
     def crowded(self, box: Box) -> Bool[np.ndarray, "4"]:
-        """Say beyond which sides (left, top, right, bottom) much of the known background has changed."""
+        """Say beyond which sides (left, top, right, bottom) much of the known background has changed its look.
+
+        Not to the character's colours: then the box is too small.
+        """
         x, y, w, h = box
         by = STRIP * max(w, h)
         strips = ((x - by, y, by, h), (x, y - by, w, by), (x + w, y, by, h), (x, y + h, w, by))
-        changed = [(self.odds[strip] > 0).mean() if strip.any() else 0.0 for strip in map(self.known_in, strips)]
-        crowded: np.ndarray = np.array(changed) > CROWDED
-        return crowded
+        return np.array([self.is_crowd(self.known_in(strip)) for strip in strips])
+
+    def is_crowd(self, strip: Bool[np.ndarray, "a b"]) -> bool:
+        """Say whether much of a strip has changed, and not to the character's colours."""
+        changed = strip & (self.odds > 0)
+        return bool(changed.sum() > CROWDED * strip.sum() and self.colour[changed].mean() < CROWD_COLOUR)
 
     def known_in(self, box: Box) -> Bool[np.ndarray, "a b"]:
         """Mark known background inside a box."""
-        return inside_box(self.region, box, 0.0) & self.known
+        return np.asarray(inside_box(self.region, box, 0.0) & self.known)
 
 
 def gather(

@@ -18,7 +18,7 @@ LEAST_PULL, PULL_PENALTY = 0.04, 0.3
 # Pieces of a whole picture count from this share of the character's box on; so many are proposed.
 LEAST_PIECE, MOST_PIECES = 0.1, 4
 # The filled share of the box must lie between these for a measurement to count.
-LEAST_FILL, MOST_FILL = 0.12, 1.3
+LEAST_FILL, MOST_FILL = 0.12, 2.5
 
 
 def measure(

@@ -67,6 +67,7 @@ class Follower:
         self.maker, self.appearance, self.scene = maker, appearance, scene
         self.settings, self.pad = settings, pad
         self.is_lost = False
+        self.size, self.zoom = np.array(box[2:]), 0.0
         self.start(image, box)
 
     def start(self, image: UInt8[np.ndarray, "h w 3"], box: Box) -> None:
@@ -75,7 +76,6 @@ class Follower:
         x, y, w, h = (round(value) for value in box)
         self.tracker.init(image, (x, y, max(w, 2), max(h, 2)))
         self.box = self.tracked = box
-        self.size = np.array(box[2:])
         self.disagreements = 0
 
     def step(self, image: UInt8[np.ndarray, "h w 3"], index: int, is_cut: bool) -> Seen:
@@ -87,6 +87,7 @@ class Follower:
         """Ask the tracker, then measure how far the character reaches."""
         _, found = self.tracker.update(image)
         tracked = (float(found[0]), float(found[1]), float(found[2]), float(found[3]))
+        self.follow_zoom(index)
         predicted = carried(self.box, self.tracked, tracked)
         self.tracked = tracked
         evidence = self.evidence(image, index, predicted)
@@ -101,6 +102,12 @@ class Follower:
         elif look > self.settings.lost_score + SURE_ABOVE_LOST:
             self.appearance.update(image, box)
         return Seen(box, score, "followed")
+
+    def follow_zoom(self, index: int) -> None:
+        """Let the remembered size grow and shrink with the camera's zoom."""
+        zoom = self.scene.zoom(index)
+        self.size = self.size * (zoom / (self.zoom or zoom))
+        self.zoom = zoom
 
     def evidence(self, image: UInt8[np.ndarray, "h w 3"], index: int, box: Box) -> Evidence | None:
         """Gather what background and colour say around a box; None where it lies outside the frame."""
@@ -170,6 +177,9 @@ class Follower:
             return Seen(self.box, score, "lost")
         self.is_lost = False
         self.start(image, box)
+        left, top, right, bottom = to_sides(shifted(box, -self.pad))
+        is_whole = left > 1 and top > 1 and right < everywhere.width - 1 and bottom < everywhere.height - 1
+        self.size, self.zoom = np.array(box[2:]) if is_whole else np.maximum(self.size, box[2:]), 0.0
         self.scene.claim(picture, index, shifted(box, -self.pad))
         return Seen(box, score, "found")
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from wildpuppet.geometry import affine
-from wildpuppet.track.colours import NUM_BINS, counted, normalised
+from wildpuppet.track.colours import NUM_BINS, Colours, counted, normalised
 from wildpuppet.track.survey import Survey
 from wildpuppet.track.trackers import Box
 
@@ -24,9 +24,12 @@ LEAST_NOISE = 3.0
 DOUBTFUL, TRUSTED = 128, 255
 # A plate pixel is background when so many pictures show it and their spread is at most this.
 LEAST_COUNT, MOST_SPREAD = 3, 14
-# The plate shows background inside a claimed box when what differs elsewhere is, in the mean, at least this large
-# beside what differs in the box, and has its colours rather than the plate's by at least so much (Bhattacharyya).
+# The plate shows background inside a claimed box when what differs elsewhere is, in a quarter of the pictures, this
+# large beside what differs in the box, and has its colours rather than the plate's by at least so much (Bhattacharyya).
 LEAST_AREA, LEAST_MORE_ALIKE = 0.4, 0.12
+# The plate shows the character when what does not differ in the box has its colours, with log-odds above this, on an
+# area of at least this share of what differs.
+HELD_COLOUR, MOST_HELD = 0.7, 0.55
 # A difference from the plate, in units of noise, that is a change.
 CHANGED = 4.0
 # The box is widened by this share of its larger side before what is outside counts as background.
@@ -106,7 +109,8 @@ class Scene:
         trust[outside] = TRUSTED
         trust[inside_view & (trust > 0)] = DOUBTFUL
         drawn, behind = moved[inside_view & changed], self.background[shot][inside_view & changed]
-        if self.walks_about(shot, drawn, behind):
+        is_held = holds_character(drawn, moved[inside_view & ~changed], moved[outside])
+        if not is_held and self.walks_about(shot, drawn, behind):
             trust[inside_view] = TRUSTED
             self.settled.add(shot)
 
@@ -122,15 +126,15 @@ class Scene:
         the picture background. What differs from the plate elsewhere, at other times, tells: it has the character's
         colours.
         """
-        counts, area = np.zeros(NUM_BINS), 0.0
+        counts, areas = np.zeros(NUM_BINS), []
         samples = self.survey.samples[shot]
         for row, picture in samples.items():
             region = Region(0, 0, picture.shape[1], picture.shape[0])
             seen = self.foreground(picture, row + self.start, region, (0.0, 0.0, 0.0, 0.0))
             differs = seen.known & (seen.odds > 0)
             counts += counted(picture, differs)
-            area += float(differs.sum()) / len(samples)
-        if len(drawn) == 0 or area < LEAST_AREA * len(drawn):
+            areas.append(float(differs.sum()))
+        if len(drawn) == 0 or np.percentile(areas, 75) < LEAST_AREA * len(drawn):
             return False
         elsewhere = normalised(counts)
         alike = [
@@ -144,6 +148,10 @@ class Scene:
         row = index - self.start
         plate = self.survey.plates[int(self.survey.shot[row])]
         return affine.compose(plate.plate_from_plane, self.survey.plane_from_frame[row])
+
+    def zoom(self, index: int) -> float:
+        """Return the picture's pixels per pixel of its shot's plane."""
+        return 1.0 / float(np.sqrt(np.linalg.det(self.survey.plane_from_frame[index - self.start][:, :2])))
 
     def foreground(self, picture: UInt8[np.ndarray, "h w 3"], index: int, region: Region, box: Box) -> Foreground:
         """Compare a region of a picture with the background; ``box`` is about where the character is."""
@@ -172,6 +180,21 @@ class Scene:
         if seen.sum() > 100:
             typical = 1.48 * float(np.median(difference[seen][::5]))
             self.noise = 0.8 * self.noise + 0.2 * max(LEAST_NOISE, typical)
+
+
+def holds_character(
+    drawn: UInt8[np.ndarray, "n 3"], same: UInt8[np.ndarray, "m 3"], around: UInt8[np.ndarray, "k 3"]
+) -> bool:
+    """Say whether the plate inside a claimed box shows the character.
+
+    ``drawn`` are the box's colours that differ from the plate, ``same`` those that do not: it does, when many of these
+    are the character's too rather than those ``around``.
+    """
+    if len(drawn) == 0 or len(same) == 0:
+        return False
+    first, second = (counted(part[None], np.ones((1, len(part)))) for part in (drawn, around))
+    odds = Colours(first, second).log_odds(same[None])
+    return float((odds > HELD_COLOUR).sum()) > MOST_HELD * len(drawn)
 
 
 def trust_of(spread: UInt8[np.ndarray, "h w"], count: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:

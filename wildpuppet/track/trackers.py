@@ -59,7 +59,22 @@ def make_tracker(settings: TrackSettings) -> Callable[[], OpenCVTracker]:
         "vit": lambda: make_vit(files),
         "dasiamrpn": lambda: make_dasiamrpn(files),
     }
-    return makers[settings.method]
+    make = makers[settings.method]
+    if files:
+        check_readable(make, settings)
+    return make
+
+
+def check_readable(make: Callable[[], OpenCVTracker], settings: TrackSettings) -> None:
+    """Raise SettingsError where OpenCV cannot read the model files."""
+    try:
+        make()
+    except cv2.error as error:
+        reason = str(error).strip().splitlines()[0]
+        raise SettingsError(
+            f"track.model {settings.model}: expected the ONNX files of {settings.method}, OpenCV cannot read them "
+            f"({reason}); give the files that OpenCV's documentation of Tracker{settings.method.title()} links to"
+        ) from None
 
 
 def model_files(settings: TrackSettings) -> tuple[str, ...]:
