@@ -48,7 +48,7 @@ def _pick_over_time(
         index = np.flatnonzero(crops.shot == shot)
         starts = index[np.r_[True, np.diff(crops.drawing[index]) != 0]]
         steps = [
-            settings.time_weight * _movement(puppet, _between(crops, a, b), vertices_at(a), vertices_at(b)) / size
+            settings.time_weight * _least_movement(puppet, crops, (a, b), vertices_at(a), vertices_at(b)) / size
             for a, b in pairwise(starts.tolist())
         ]
         path = best_path(hypotheses.cost[starts], steps)
@@ -59,6 +59,21 @@ def _pick_over_time(
 def _between(crops: Crops, a: int, b: int) -> Float[np.ndarray, "2 3"]:
     """Map crop a to crop b, both standing still in the video."""
     return affine.compose(affine.invert(crops.video_from_crop[b]), crops.video_from_crop[a])
+
+
+def _least_movement(
+    puppet: Puppet,
+    crops: Crops,
+    frames: tuple[int, int],
+    before: Float[np.ndarray, "N V 2"],
+    after: Float[np.ndarray, "N V 2"],
+) -> Float[np.ndarray, "N N"]:
+    """Movement in the video or in the crop, whichever is less.
+
+    Where a camera follows the character all of it moves in the video, by more than any limb, but not in the crop.
+    """
+    ways = (_between(crops, *frames), affine.scale_and_shift(1.0, (0.0, 0.0)))
+    return min((_movement(puppet, way, before, after) for way in ways), key=lambda movement: float(movement.min()))
 
 
 def _movement(
