@@ -103,6 +103,8 @@ class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Farthest opening of a hinge, as a share of the character's size."""
     turn: NotNegative = 0.05
     """Cost of turning a part against its parent, per squared radian (linear beyond half a radian)."""
+    reorder: NotNegative = 0.2
+    """Cost of drawing the layers in another order than the puppet's, in units of an average part's evidence."""
     time_weight: NotNegative = 3.0
     """Cost of parts moving between drawings, per part and character size. 0 takes each frame by itself."""
 

@@ -21,6 +21,8 @@ from wildpuppet.types import Crops, Fit, FitState, Poses, Puppet
 
 BATCH = 8
 """Frames solved together; a bound on memory."""
+DOUBTFUL = 0.35
+"""Mean confidence of the vertices under which a frame is called doubtful."""
 STEADY = 0.97
 """A held frame leaves its place for an energy lower than this share only: a hold must not tremble."""
 
@@ -46,12 +48,14 @@ def fit(puppet: Puppet, crops: Crops, poses: Poses, frames: slice, settings: Fit
             done += len(part)
             machine.progress(done, len(index))
     ordered = [results[i] for i in range(len(index))]
+    confidence = np.stack([trust for _, trust, _ in ordered]).astype(np.float32)
+    confidence[[crops.state[i] == "lost" for i in index]] = 0.0
     return Fit(
         crops.frames[index],
         np.stack([vertices for vertices, _, _ in ordered]).astype(np.float32),
         poses.order[index],
-        np.stack([confidence for _, confidence, _ in ordered]).astype(np.float32),
-        tuple(_state(crops, int(i), bool(first)) for i, first in zip(index, is_first, strict=True)),
+        confidence,
+        tuple(_state(crops, *each) for each in zip(index, is_first, confidence.mean(1), strict=True)),
         {name: np.array([terms[name] for _, _, terms in ordered]) for name in ordered[0][2]},
     )
 
@@ -68,9 +72,11 @@ def join(parts: list[Fit]) -> Fit:
     )
 
 
-def _state(crops: Crops, index: int, is_first: bool) -> FitState:
+def _state(crops: Crops, index: int, is_first: bool, confidence: float) -> FitState:
     if crops.state[index] == "lost":
         return "lost"
+    if confidence < DOUBTFUL:
+        return "doubtful"
     return "fitted" if is_first else "held"
 
 

@@ -169,7 +169,7 @@ def _search_one(
         order = np.array([c.order for c in candidates])
         pixels = ev.unexplained_cost(evidence, vertices, order, searcher.mesh, texture)
         costs: Float[np.ndarray, "B"] = unit * pixels + spring_cost(solution, np.array([c.states for c in candidates]))
-        return costs
+        return costs + searcher.settings.reorder * (np.diff(order, axis=1) < 0).any(1)
 
     seeds = [_nearest_candidate(searcher, templates, evidence, m, o) for m, o in starts]
     best = best_candidates(solution, judge, searcher.twins, seeds, searcher.settings.num_best)
