@@ -8,6 +8,7 @@ tracker starts again. Our own score judges the box, and a lost character is look
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
@@ -15,6 +16,7 @@ from wildpuppet.settings import TrackSettings
 from wildpuppet.track.appearance import Appearance
 from wildpuppet.track.evidence import Evidence, gather
 from wildpuppet.track.extent import measure, piece_boxes, pulled
+from wildpuppet.track.growth import growth_between
 from wildpuppet.track.scene import Region, Scene, region_around
 from wildpuppet.track.search import find
 from wildpuppet.track.trackers import Box, OpenCVTracker
@@ -67,7 +69,8 @@ class Follower:
         self.maker, self.appearance, self.scene = maker, appearance, scene
         self.settings, self.pad = settings, pad
         self.is_lost = False
-        self.size, self.zoom = np.array(box[2:]), 0.0
+        self.size = np.array(box[2:])
+        self.gray: UInt8[np.ndarray, "h w"] | None = None
         self.start(image, box)
 
     def start(self, image: UInt8[np.ndarray, "h w 3"], box: Box) -> None:
@@ -87,8 +90,8 @@ class Follower:
         """Ask the tracker, then measure how far the character reaches."""
         _, found = self.tracker.update(image)
         tracked = (float(found[0]), float(found[1]), float(found[2]), float(found[3]))
-        self.follow_zoom(index)
-        predicted = carried(self.box, self.tracked, tracked)
+        grown = self.growth(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), index)
+        predicted = carried(self.box, self.tracked, tracked, grown)
         self.tracked = tracked
         evidence = self.evidence(image, index, predicted)
         box = predicted if evidence is None else self.measured(evidence, index, predicted)
@@ -103,11 +106,14 @@ class Follower:
             self.appearance.update(image, box)
         return Seen(box, score, "followed")
 
-    def follow_zoom(self, index: int) -> None:
-        """Let the remembered size grow and shrink with the camera's zoom."""
-        zoom = self.scene.zoom(index)
-        self.size = self.size * (zoom / (self.zoom or zoom))
-        self.zoom = zoom
+    def growth(self, gray: UInt8[np.ndarray, "h w"], index: int) -> float:
+        """Return the character's growth since the last frame; 1 where its sides are measured well without it."""
+        grown = 1.0
+        if self.gray is not None and not self.scene.is_settled(index):
+            grown = growth_between(self.gray, gray, self.box)
+        self.gray = gray
+        self.size = self.size * grown
+        return grown
 
     def evidence(self, image: UInt8[np.ndarray, "h w 3"], index: int, box: Box) -> Evidence | None:
         """Gather what background and colour say around a box; None where it lies outside the frame."""
@@ -179,7 +185,8 @@ class Follower:
         self.start(image, box)
         left, top, right, bottom = to_sides(shifted(box, -self.pad))
         is_whole = left > 1 and top > 1 and right < everywhere.width - 1 and bottom < everywhere.height - 1
-        self.size, self.zoom = np.array(box[2:]) if is_whole else np.maximum(self.size, box[2:]), 0.0
+        self.size = np.array(box[2:]) if is_whole else np.maximum(self.size, box[2:])
+        self.gray = None
         self.scene.claim(picture, index, shifted(box, -self.pad))
         return Seen(box, score, "found")
 
@@ -189,11 +196,12 @@ def shifted(box: Box, by: float) -> Box:
     return box[0] + by, box[1] + by, box[2], box[3]
 
 
-def carried(box: Box, before: Box, after: Box) -> Box:
-    """Move a box as the tracker's box moved; the size is left to the measurement."""
-    dx = after[0] + after[2] / 2 - before[0] - before[2] / 2
-    dy = after[1] + after[3] / 2 - before[1] - before[3] / 2
-    return box[0] + dx, box[1] + dy, box[2], box[3]
+def carried(box: Box, before: Box, after: Box, grown: float) -> Box:
+    """Move a box as the tracker's box moved and let it grow; the rest is left to the measurement."""
+    x = box[0] + box[2] / 2 + after[0] + after[2] / 2 - before[0] - before[2] / 2
+    y = box[1] + box[3] / 2 + after[1] + after[3] / 2 - before[1] - before[3] / 2
+    w, h = grown * box[2], grown * box[3]
+    return x - w / 2, y - h / 2, w, h
 
 
 def to_sides(box: Box) -> np.ndarray:

@@ -149,10 +149,6 @@ class Scene:
         plate = self.survey.plates[int(self.survey.shot[row])]
         return affine.compose(plate.plate_from_plane, self.survey.plane_from_frame[row])
 
-    def zoom(self, index: int) -> float:
-        """Return the picture's pixels per pixel of its shot's plane."""
-        return 1.0 / float(np.sqrt(np.linalg.det(self.survey.plane_from_frame[index - self.start][:, :2])))
-
     def foreground(self, picture: UInt8[np.ndarray, "h w 3"], index: int, region: Region, box: Box) -> Foreground:
         """Compare a region of a picture with the background; ``box`` is about where the character is."""
         shot = int(self.survey.shot[index - self.start])
