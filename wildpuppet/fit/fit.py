@@ -55,7 +55,10 @@ def fit(puppet: Puppet, crops: Crops, poses: Poses, frames: slice, settings: Fit
         np.stack([vertices for vertices, _, _ in ordered]).astype(np.float32),
         poses.order[index],
         confidence,
-        tuple(_state(crops, *each) for each in zip(index, is_first, confidence.mean(1), strict=True)),
+        tuple(
+            _state(crops, int(i), bool(leads), float(trust))
+            for i, leads, trust in zip(index, is_first, confidence.mean(1), strict=True)
+        ),
         {name: np.array([terms[name] for _, _, terms in ordered]) for name in ordered[0][2]},
     )
 

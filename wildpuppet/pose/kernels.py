@@ -4,7 +4,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numba import config, njit, prange
 
-config.THREADING_LAYER = "workqueue"  # OpenMP's threads spin while they wait: 3 to 4 times slower on a busy machine
+# OpenMP's threads spin while they wait: 3 to 4 times slower on a busy machine.
+setattr(config, "THREADING_LAYER", "workqueue")  # noqa: B010 numba makes its settings at run time
 
 RELAXED = {"nsz", "nnan"}
 """What the compiler may assume: no reordering of sums, so that a compiled and a cached kernel give the same bits."""
