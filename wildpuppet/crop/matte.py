@@ -15,12 +15,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from wildpuppet.crop.plate import GUARD, learn_plates, plate_scale
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
-from wildpuppet.track.colours import NUM_BINS, Colours, counted, normalised
+from wildpuppet.track.colours import NUM_BINS, Colours, colour_bins, normalised
 from wildpuppet.track.plate import Plate, median_plate
 from wildpuppet.track.survey import Survey
 from wildpuppet.types import Clip, Track
@@ -46,6 +46,8 @@ PLACE_INSIDE, PLACE_OUTSIDE, FAR = 0.4, -2.5, 0.25
 COLOUR_WEIGHT, LEAST_COLOUR, MOST_COLOUR = 0.8, -4.0, 2.2
 # Learning colours: weight of pixels of the box whose background is not known.
 UNSURE = 0.4
+# Rounds of learning in which the colours themselves say what is the character where the background is not known.
+ROUNDS = 3
 # Share of the pictures, those with most of it, that do not count when a colour of the character is learnt.
 LEFT_OUT = 0.3
 # Guessing what is behind the box: log-odds of colour that speak against the character, the share of the pictures that
@@ -77,6 +79,19 @@ class Behind:
     colour: UInt8[np.ndarray, "h w 3"]
     spread: UInt8[np.ndarray, "h w"]
     known: Float[np.ndarray, "h w"]
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The pixels near the box of one kept picture.
+
+    ``weight`` is the probability of the character where the background ``is_known``; ``away`` the distance from the box.
+    """
+
+    bins: Int[np.ndarray, " n"]
+    weight: Float[np.ndarray, " n"]
+    is_known: Bool[np.ndarray, " n"]
+    away: Float[np.ndarray, " n"]
 
 
 class Matter:
@@ -133,21 +148,26 @@ class Matter:
     def learn_colours(self) -> Colours:
         """Count the colours of the character and of what is around it over the kept pictures.
 
-        A colour is the character's when most pictures show it there: the largest counts are left out, so that what
-        comes near for a while does not lend it its colours.
+        Where the background is not known, what counts as the character is first the whole box, then, in some rounds,
+        what the colours so far say (expectation and maximisation).
         """
-        inside, around = [], np.zeros(NUM_BINS)
-        for t, picture, box, away in self.sampled():
-            seen = self.compare(t, picture, self.video_from_small, away)
-            odds = plate_odds(seen, clutter_of(seen, away, box))
-            weight = np.where(seen.known > 0.5, 1.0 / (1.0 + np.exp(-odds)), UNSURE)
-            inside.append(normalised(counted(picture[..., ::-1], weight * (away <= 0.0))))
-            rest = np.where(away > SURELY_OUTSIDE, 1.0, (1.0 - weight) * ((away > 0.0) | (seen.known > 0.5)))
-            around += counted(picture[..., ::-1], rest * (away < 0.5))
-        if not inside:
+        views = [self.view(t, picture, box, away) for t, picture, box, away in self.sampled()]
+        if not views:
             return Colours(np.ones(NUM_BINS), np.ones(NUM_BINS))
-        kept = max(1, round((1.0 - LEFT_OUT) * len(inside)))
-        return Colours(np.sort(np.array(inside), 0)[:kept].mean(0), around)
+        colours = colours_of(views, np.full(NUM_BINS, UNSURE))
+        for _ in range(ROUNDS):
+            colours = colours_of(views, 1.0 / (1.0 + np.exp(-colours.odds)))
+        return colours
+
+    def view(
+        self, t: int, picture: UInt8[np.ndarray, "h w 3"], box: Float[np.ndarray, "4"], away: Float[np.ndarray, "h w"]
+    ) -> View:
+        """Reduce a kept picture to what learning colours needs: its pixels near the box."""
+        seen = self.compare(t, picture, self.video_from_small, away)
+        near = away < 0.5
+        weight = 1.0 / (1.0 + np.exp(-plate_odds(seen, clutter_of(seen, away, box))[near]))
+        is_known = seen.known[near] > 0.5
+        return View(colour_bins(picture[..., ::-1])[near], weight, is_known, away[near])
 
     def completed(self, shot: int) -> Behind:
         """Guess the background where the box always stood, from pixels whose colour speaks against the character."""
@@ -187,6 +207,22 @@ def prepare_matter(clip: Clip, track: Track, crop_from_video: float, machine: Ma
     """Look at the clip once and learn what the mattes need."""
     scale = plate_scale(clip, crop_from_video)
     return Matter(track, learn_plates(clip, track, scale, machine), scale)
+
+
+def colours_of(views: list[View], unsure: Float[np.ndarray, " bins"]) -> Colours:
+    """Count colours; ``unsure`` is each colour's probability of the character where the background is not known.
+
+    A colour is the character's when most pictures show it there: the largest counts are left out, so that what comes
+    near for a while does not lend it its colours.
+    """
+    inside, around = [], np.zeros(NUM_BINS)
+    for view in views:
+        weight = np.where(view.is_known, view.weight, unsure[view.bins])
+        rest = np.where(view.away > SURELY_OUTSIDE, 1.0, 1.0 - weight)
+        inside.append(normalised(np.bincount(view.bins, weight * (view.away <= 0.0), NUM_BINS)))
+        around += np.bincount(view.bins, rest, NUM_BINS)
+    kept = max(1, round((1.0 - LEFT_OUT) * len(inside)))
+    return Colours(np.sort(np.array(inside), 0)[:kept].mean(0), around)
 
 
 def known_share(plate: Plate) -> Float[np.ndarray, "h w"]:
