@@ -104,7 +104,7 @@ class Bones:
         matrix = torch.zeros(batch, self.num, 4, self.num, 4)
         index = torch.arange(self.num)
         matrix[:, index, :, index] = (blocks + torch.diag_embed(floor[..., None].expand(-1, -1, 4))).transpose(0, 1)
-        matrix[:, index, 3, index, 3] += self.hold_scale * trace.mean()
+        matrix[:, index, 3, index, 3] += self.hold_scale * trace.mean(-1, keepdim=True)
         matrix = matrix.reshape(batch, size, size) + joint_weight * self._joint_form(basis, size)
         solved = torch.linalg.solve(matrix, reduced.reshape(batch, size)).reshape(batch, self.num, 4)
         step: Float[Tensor, "B V 2"] = -(basis * solved[:, self.group, None]).sum(-1)

@@ -7,7 +7,10 @@ rho, reweighted at each step) and the price of covering or not covering; N is th
 keeps a step length of its own: a step that raises its energy is taken back and halved.
 """
 
+import math
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -17,13 +20,42 @@ from torch import Tensor
 from wildpuppet.fit import curvature, energy
 from wildpuppet.fit.target import WHITE, Target, texture_for
 from wildpuppet.geometry.arap import ArapRest, arap_energy_and_gradient, arap_rest, best_scale_of
+from wildpuppet.pose.tree import part_areas
 from wildpuppet.render.render import Mesh, Texture, mesh_of, render
 from wildpuppet.settings import FitSettings
 from wildpuppet.types import Puppet
 
+SIZE_STEP = 1.02
+"""Ratio between the sizes at which textures are kept."""
+VISIBLE_SHARE = 0.75
+"""Share of the parts' areas that is seen, roughly: the rest is overlap."""
 SCALE_SLACK = 1.05
 """How far a level may change a frame's size freely; beyond, ARAP holds it."""
 LOSS_NAMES = ("reconstruction", "coverage", "arap", "joints", "area")
+
+
+class Seen(NamedTuple):
+    """A puppet at a size: ``texture`` at ``SIZE_STEP ** step`` and ``data``, its curvature per pixel of mask."""
+
+    step: int
+    texture: Texture
+    data: Float[np.ndarray, "V"]
+
+
+@lru_cache(maxsize=12)
+def seen_at(puppet: Puppet, step: int) -> Seen:
+    """Make the texture of a size and the data term's curvature, once for all batches of about that size."""
+    scale = SIZE_STEP**step
+    texture = texture_for(puppet, scale)
+    mask_pixels = VISIBLE_SHARE * float(part_areas(puppet).sum()) * scale**2
+    return Seen(step, texture, curvature.data_curvature(puppet, texture) * (2.0 / 3.0 / max(mask_pixels, 1.0)))
+
+
+@lru_cache(maxsize=12)
+def _mesh_inverse(puppet: Puppet, step: int, weight: float, stiffness: float, joints: float) -> Float[Tensor, "V V"]:
+    """Invert the mesh's curvature, each term in its weight."""
+    stiff, tied = curvature.stiffness_matrix(puppet), curvature.joint_matrix(puppet)
+    return curvature.mesh_inverse(weight * seen_at(puppet, step).data, stiffness * stiff, joints * tied)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,13 +64,18 @@ class Problem:
 
     puppet: Puppet
     mesh: Mesh
-    texture: Texture
+    seen: Seen
     target: Target
     order: Int[Tensor, "B L"]
     rest: ArapRest
     settings: FitSettings
     mask_pixels: Float[Tensor, "B"]
     scale: Float[Tensor, "B"]
+
+    @property
+    def texture(self) -> Texture:
+        """The puppet's texture at about this level's size."""
+        return self.seen.texture
 
     @property
     def size(self) -> tuple[int, int]:
@@ -58,13 +95,12 @@ def make_problem(
     """Prepare a level; ``vertices`` (level pixels) say how large the puppet is seen and its mask at the start."""
     rest = arap_rest(puppet.vertices.astype(np.float32), puppet.triangles)
     scale = best_scale_of(vertices.numpy(), rest)
-    level_from_canvas = float(np.median(scale))
-    mesh, texture = mesh_of(puppet), texture_for(puppet, level_from_canvas)
+    mesh, seen = mesh_of(puppet), seen_at(puppet, round(math.log(float(np.median(scale))) / math.log(SIZE_STEP)))
     orders = torch.from_numpy(np.array(order))
     size = (target.colour.shape[2], target.colour.shape[1])
     with torch.no_grad():
-        mask = render(vertices, mesh, texture, orders, size).rgba[..., 3].sum((1, 2)).clamp_min(16.0)
-    return Problem(puppet, mesh, texture, target, orders, rest, settings, mask, torch.from_numpy(scale).float())
+        mask = render(vertices, mesh, seen.texture, orders, size).rgba[..., 3].sum((1, 2)).clamp_min(16.0)
+    return Problem(puppet, mesh, seen, target, orders, rest, settings, mask, torch.from_numpy(scale).float())
 
 
 def energies(
@@ -115,15 +151,14 @@ def descend(
     problem: Problem, vertices: Float[Tensor, "B V 2"], steps: int, bones: curvature.Bones, with_mesh: bool
 ) -> Float[Tensor, "B V 2"]:
     """Take ``steps`` preconditioned steps: bones alone, or bones and mesh together."""
-    data = curvature.data_curvature(problem.puppet, problem.texture) / float(problem.mask_pixels.mean())
-    data = 2.0 / 3.0 * problem.settings.reconstruction * data
-    joint_weight = 2 * problem.settings.joints * problem.unit**2
+    if steps == 0:
+        return vertices
+    settings = problem.settings
+    joint_weight, stiffness = (2 * weight * problem.unit**2 for weight in (settings.joints, settings.arap))
     inverse = None
     if with_mesh:
-        stiffness = 2 * problem.settings.arap * problem.unit**2 * curvature.stiffness_matrix(problem.puppet)
-        joints = joint_weight * curvature.joint_matrix(problem.puppet)
-        inverse = curvature.mesh_inverse(data, stiffness, joints)
-    data_of_vertex = torch.from_numpy(data.astype(np.float32))
+        inverse = _mesh_inverse(problem.puppet, problem.seen.step, settings.reconstruction, stiffness, joint_weight)
+    data_of_vertex = torch.from_numpy((settings.reconstruction * problem.seen.data).astype(np.float32))
     length = torch.ones(len(vertices))
     value, gradient, _ = energies(problem, vertices)
     for step in range(steps):
