@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from wildpuppet.fit.advice import worth_a_look
 from wildpuppet.runs import CARRY, write_run
 from wildpuppet.store import Kept
 from wildpuppet.types import Crops, Fit, Puppet
@@ -71,8 +72,9 @@ def _folder(kept: Kept[Any]) -> Path:
 
 
 def _by_frame(fit: Fit) -> dict[str, Any]:
-    """States and losses of every frame."""
+    """States and losses of every frame, and the frames to look at first."""
     return {
+        "worth_a_look": worth_a_look(fit),
         "frames": [int(frame) for frame in fit.frames],
         "state": list(fit.state),
         "states": dict(sorted(Counter(fit.state).items())),

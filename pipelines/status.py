@@ -115,6 +115,17 @@ def main(arguments: Arguments) -> None:
         request = replace(past.request, settings=asked)
         for step, verdict in status_of(request, Store(arguments.store), past.stages).items():
             sys.stdout.write(f"  {step:<10}{verdict}\n")
+        sys.stdout.write(advice(past))
+
+
+def advice(past: Past) -> str:
+    """Say how the frames of a finished run went, and which to look at first; nothing where OUT is gone."""
+    if not past.is_finished or not (past.request.out / RUN).is_file():
+        return ""
+    run = read_json(past.request.out / RUN)
+    counts = ", ".join(f"{number} {state}" for state, number in run.get("states", {}).items())
+    frames = ", ".join(str(frame) for frame in run.get("worth_a_look", ()))
+    return f"  {len(run['frames'])} frames: {counts}; most worth a look, least trusted first: {frames}\n"
 
 
 def _changes(before: Settings, after: Settings) -> dict[str, dict[str, Any]]:

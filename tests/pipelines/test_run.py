@@ -44,6 +44,7 @@ def test_out_holds_what_the_readme_says(drawn: Drawn) -> None:
     assert len(run["state"]) == FRAMES
     assert all(len(losses) == FRAMES for losses in run["losses"].values())
     assert sum(run["states"].values()) == FRAMES
+    assert run["worth_a_look"][0] == run["frames"][int(np.argmin(run["confidence"]))]
     assert run["request"]["settings"]["fit"]["steps"] == 3
     assert {"probe", "track", "crop", "fit"} <= set(json.loads((out / "timings.json").read_text())["seconds"])
 
@@ -88,7 +89,10 @@ def test_changed_fit_setting_reruns_only_fit_and_what_follows_and_status_says_wh
     assert run_command(["status", str(drawn.folder / "out"), *store]) == 0
     assert "would run" not in capsys.readouterr().out
     assert run_command(["status", str(drawn.folder / "out"), *store, "--fit.area", "0.2"]) == 0
-    told = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()[1:])
+    _, *steps, advice = capsys.readouterr().out.splitlines()
+    told = dict(line.split(maxsplit=1) for line in steps)
+    assert f"{FRAMES} frames: " in advice
+    assert "most worth a look" in advice
     assert told["fit"] == "would run because settings.fit.area 0.002 -> 0.2"
     assert {step for step, words in told.items() if words != "kept"} == {"fit", "meshes"}
     assert drawn.run("--fit.area", "0.2", out="changed") == 0
