@@ -1,7 +1,7 @@
 """The folder that a run leaves (OUT): what lies where, written so that a killed run leaves whole files only.
 
-    run.json       what was asked for, the key of every result, states and losses by frame, the frames most worth a look,
-                   a digest of every file
+    run.json       what was asked for, the key of every result, states and losses by frame, the frames most worth a
+                   look, a digest of every file
     timings.json   when, where and how long: all that may differ between two runs with the same answer
     meshes.npz, preview.mp4, sheet.png, meshes/      see ``export/``
     carry/         puppet.npz, crops.npz, fit.npz: enough to carry points and flow when the store is gone
