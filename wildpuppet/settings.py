@@ -130,7 +130,7 @@ class FitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Weight of as-rigid-as-possible. Higher: stiffer parts; lower: softer, noisier."""
     joints: NotNegative = 1.0e4
     """Weight of the hinges."""
-    joint_slack: Positive = 0.03
+    joint_slack: Positive = 0.01
     """Gap of a hinge, in [-1, 1] units, beyond which it costs linearly. Higher forces hinges closed."""
     area: NotNegative = 2.0e-3
     """Weight of the area term."""
