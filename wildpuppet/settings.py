@@ -50,8 +50,11 @@ class CropSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Crop pixels along the larger side of the character's box. Higher is finer and slower (quadratic)."""
     matte: bool = True
     """Estimate a background plate and a soft matte where the camera's motion allows."""
-    hold_threshold: NotNegative = 1.5
-    """Mean change (0..255) under which a frame repeats the drawing before it; 0 switches holds off."""
+    hold_threshold: NotNegative = 2.5
+    """Largest mean change (0..255) of a small block with which a frame still repeats the drawing before it.
+
+    Higher finds more holds and takes slow changes for one; 0 switches holds off. Typical: 1 to 5.
+    """
 
 
 class PuppetSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -189,4 +192,14 @@ def settings_from(tree: dict[str, Any]) -> Settings:
     try:
         return msgspec.convert(tree, Settings)
     except msgspec.ValidationError as error:
-        raise SettingsError(f"settings: {error}; `wildpuppet run --help` lists every setting") from None
+        raise SettingsError(f"{_mistake(str(error), tree)}; `wildpuppet run --help` lists every setting") from None
+
+
+def _mistake(message: str, tree: dict[str, Any]) -> str:
+    """Put msgspec's sentence into ours: which setting, what was expected, what was found."""
+    expected, _, place = message.replace("`", "").partition(" - at $.")
+    table, _, name = place.partition(".")
+    if not isinstance(tree.get(table), dict) or name not in tree[table]:
+        return f"settings: {message}"
+    expected = expected[:1].lower() + expected[1:].partition(", got")[0]
+    return f"setting {place}: {expected}, found {tree[table][name]!r}"

@@ -3,7 +3,9 @@
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from wildpuppet.crop.matte import Matter, prepare_matter
+from wildpuppet.crop.hold import go_along
+from wildpuppet.crop.matte import Matter
+from wildpuppet.crop.plate import learn_plates, plate_scale
 from wildpuppet.crop.warp import cut_window, inside_image
 from wildpuppet.crop.window import Windows, windows_of
 from wildpuppet.errors import InputError
@@ -27,8 +29,13 @@ def cut(clip: Clip, track: Track, target: Target, settings: CropSettings, machin
         raise InputError(f"--at {target.at} is not among the tracked frames; track again with this range")
     reference = int(np.searchsorted(track.frames, target.at))
     windows = windows_of(track.boxes_video, track.shot, reference, settings)
-    crop_from_video = 1.0 / float(windows.video_from_crop[reference, 0, 0])
-    matter = prepare_matter(clip, track, crop_from_video, machine) if settings.matte else None
+    matter = None
+    if settings.matte:
+        scale = plate_scale(clip, 1.0 / float(windows.video_from_crop[reference, 0, 0]))
+        survey, steps = learn_plates(clip, track, scale, machine)
+        matter = Matter(track, survey, scale)
+        if settings.hold_threshold > 0:
+            windows = go_along(windows, steps, survey.plane_from_frame, scale)
     images = WindowImages(clip, track, windows, matter)
     drawing = number_drawings(images, track.shot, settings.hold_threshold)
     return Crops(

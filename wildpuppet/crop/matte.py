@@ -17,13 +17,12 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from wildpuppet.crop.plate import GUARD, learn_plates, plate_scale
+from wildpuppet.crop.plate import GUARD
 from wildpuppet.geometry import affine
-from wildpuppet.machine import Machine
 from wildpuppet.track.colours import NUM_BINS, Colours, colour_bins, normalised
 from wildpuppet.track.plate import Plate, median_plate
 from wildpuppet.track.survey import Survey
-from wildpuppet.types import Clip, Track
+from wildpuppet.types import Track
 
 # Plate pixels count from so many pictures on, fully from FULL_COUNT, and not where the pictures differ by more.
 LEAST_COUNT, FULL_COUNT, MOST_SPREAD = 2, 6, 24
@@ -85,7 +84,7 @@ class Behind:
 class View:
     """The pixels near the box of one kept picture.
 
-    ``weight`` is the probability of the character where the background ``is_known``; ``away`` the distance from the box.
+    ``weight`` is the probability of the character where the background ``is_known``; ``away`` how far from the box.
     """
 
     bins: Int[np.ndarray, " n"]
@@ -201,12 +200,6 @@ class Matter:
                 box = box_in_crop(self.track.boxes_video[t], self.video_from_small)
                 if only == shot or (only is None and self.track.state[t] != "lost"):
                     yield t, picture, box, distance_from_box(box, picture.shape[:2])
-
-
-def prepare_matter(clip: Clip, track: Track, crop_from_video: float, machine: Machine) -> Matter:
-    """Look at the clip once and learn what the mattes need."""
-    scale = plate_scale(clip, crop_from_video)
-    return Matter(track, learn_plates(clip, track, scale, machine), scale)
 
 
 def colours_of(views: list[View], unsure: Float[np.ndarray, " bins"]) -> Colours:

@@ -4,9 +4,13 @@ What lies in the character's box does not count in any picture, so the plate nev
 stands still; where the box always stood, nothing is known.
 """
 
+from collections.abc import Iterator
+from functools import partial
+
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from wildpuppet.crop.hold import Steps
 from wildpuppet.crop.warp import cut_window
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
@@ -27,17 +31,32 @@ def plate_scale(clip: Clip, crop_from_video: float) -> float:
     return min(1.0, crop_from_video, float(np.sqrt(MOST_PIXELS / (clip.size[0] * clip.size[1]))))
 
 
-def learn_plates(clip: Clip, track: Track, scale: float, machine: Machine) -> Survey:
-    """Look through the tracked frames once; plate pixels are ``scale`` per video pixel."""
+def learn_plates(clip: Clip, track: Track, scale: float, machine: Machine) -> tuple[Survey, Steps]:
+    """Look through the tracked frames once; plate pixels are ``scale`` per video pixel.
+
+    Also follows the character's features from frame to frame (``hold.py``).
+    """
     first, end = int(track.frames[0]), int(track.frames[-1]) + 1
     size = max(round(clip.size[0] * scale), 1), max(round(clip.size[1] * scale), 1)
     video_from_small = affine.scale_and_shift(1.0 / scale, (0.0, 0.0))
-    pictures = (cut_window(rgb, video_from_small, size) for _, rgb in FrameReader(clip).frames(first, end))
+    steps = Steps(track.shot)
+
+    def pictures() -> Iterator[UInt8[np.ndarray, "a b 3"]]:
+        for index, rgb in FrameReader(clip).frames(first, end):
+            picture = cut_window(rgb, video_from_small, size)
+            steps.look(index - first, picture, track.boxes_video[index - first] * scale)
+            yield picture
 
     def covered(t: int) -> UInt8[np.ndarray, "a b"]:
         return box_mask(track.boxes_video[t] * scale, size, GUARD)
 
-    return survey(pictures, track.shot, covered, lambda done: machine.progress(done, len(track.frames)), NUM_SAMPLES)
+    report = partial(report_to, machine, len(track.frames))
+    return survey(pictures(), track.shot, covered, report, NUM_SAMPLES), steps
+
+
+def report_to(machine: Machine, total: int, done: int) -> None:
+    """Report progress over the tracked frames."""
+    machine.progress(done, total)
 
 
 def box_mask(box: Float[np.ndarray, "4"], size: tuple[int, int], grow: float) -> UInt8[np.ndarray, "h w"]:
