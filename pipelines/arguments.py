@@ -35,16 +35,29 @@ def one_line(box: str, program: str) -> str:
     rows = [re.sub(r"[╭╮╰╯│─]|-{3,}", " ", row).strip() for row in box.splitlines()[1:]]
     rows = [row for row in rows if row and not row.startswith("For full helptext")]
     if not rows:
-        return f"{program}: cannot understand these arguments; see {program} --help"
+        return f"cannot understand these arguments; see {program} --help"
     first = rows[0]
     flags = [row for row in rows[1:] if row.startswith("--") and "helptext" not in row and row != f"{program} --help"]
     if first.startswith("Unrecognized options"):
         return f"unknown {_unknown(first)}{_suggestion(flags)}; see {program} --help"
     if first.startswith("Missing from"):
-        missing = ", ".join(row for row in rows[1:] if re.match(r"--|[A-Z][A-Z-]*$", row))
-        return f"{program}: {missing} is needed; see {program} --help"
+        missing = [row for row in rows[1:] if re.match(r"--|[A-Z][\w.|-]*$", row)]
+        return f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} needed; see {program} --help"
+    if first.startswith("Error parsing"):
+        first = rows[0] = _expected_number(first)
     words = " ".join(row for row in rows if not row.startswith("in wildpuppet")).partition(" Argument helptext")[0]
     return f"{words.rstrip('.')}; see {program} --help"
+
+
+def _expected_number(row: str) -> str:
+    """Say in words what Python says of a number that is none; other rows stay."""
+    parts = re.match(
+        r"Error parsing (--\S+): (invalid literal for int|could not convert string to float).*?('.*')", row
+    )
+    if parts is None:
+        return row
+    kind = "a whole number" if "int" in parts[2] else "a number"
+    return f"{parts[1]}: expected {kind}, found {parts[3]}"
 
 
 def _unknown(row: str) -> str:
@@ -75,7 +88,8 @@ def with_split_box(argv: Sequence[str]) -> list[str]:
 def _four(text: str) -> list[str]:
     numbers = [number.strip() for number in text.split(",")]
     try:
-        [float(number) for number in numbers]
+        for number in numbers:
+            float(number)
     except ValueError:
         numbers = []
     if len(numbers) != 4:

@@ -5,6 +5,7 @@ Each command is a module with ``Arguments`` (a dataclass, its docstrings are the
 its defaults depend on the command line, ``defaults(argv)``. A command's module is imported when it is called.
 """
 
+import difflib
 import importlib
 import logging
 import os
@@ -65,7 +66,9 @@ def command_of(argv: list[str]) -> tuple[str, list[str]]:
         name = " ".join(argv[:words])
         if name in COMMANDS:
             return name, argv[words:]
-    raise SettingsError(f"unknown command {argv[0]}; expected one of {', '.join(COMMANDS)}")
+    near = [match for words in (2, 1) for match in difflib.get_close_matches(" ".join(argv[:words]), COMMANDS, 1)]
+    hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(COMMANDS)}"
+    raise SettingsError(f"unknown command {argv[0]}; {hint}")
 
 
 def load(name: str) -> ModuleType:

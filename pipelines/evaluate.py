@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import msgspec
 import tyro
 
-from wildpuppet.errors import InputError
+from wildpuppet.errors import InputError, SettingsError
 
 from .arguments import value_of
 from .fit_drawings import fit_drawings
@@ -69,6 +69,8 @@ def main(arguments: Arguments) -> None:
     """Run every case, then print and write the table."""
     from wildpuppet.correspond.compare import means
 
+    if not arguments.bench_dirs:
+        raise SettingsError("BENCH_DIR is needed; see wildpuppet evaluate --help")
     cases = [case for folder in arguments.bench_dirs for case in cases_in(folder, arguments.only)]
     rows: list[Row] = []
     seconds = {}

@@ -15,7 +15,7 @@ from .fit_drawings import fit_drawings
 from .presets import merged, read_preset
 from .reporter import Reporter, Silent, terminal
 from .request import Request
-from .session import STORE, Options, run_pipeline
+from .session import STORE, Options, run_pipeline, tell_end
 
 if TYPE_CHECKING:
     from wildpuppet.api import Run
@@ -42,9 +42,11 @@ def defaults(argv: Sequence[str]) -> Arguments:
 
 
 def main(arguments: Arguments) -> None:
-    """Run the pipeline."""
+    """Run the pipeline, then say where the results are."""
+    request = _request(arguments)
     with terminal() as reporter:
-        run_pipeline(fit_drawings, _request(arguments), arguments, reporter)
+        is_written = run_pipeline(fit_drawings, request, arguments, reporter)
+    tell_end(request.out, arguments.until if not is_written else None)
 
 
 def _request(arguments: Arguments) -> Request:

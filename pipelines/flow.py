@@ -1,5 +1,6 @@
 """`wildpuppet flow`: write the dense map between two frames of a run."""
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -26,4 +27,7 @@ def main(arguments: Arguments) -> None:
     from wildpuppet.api import open_run
     from wildpuppet.correspond.flow import write_flow
 
-    write_flow(arguments.out, open_run(arguments.run).flow(arguments.source, arguments.target))
+    dense = open_run(arguments.run).flow(arguments.source, arguments.target)
+    write_flow(arguments.out, dense)
+    share = dense.visible.mean()
+    sys.stdout.write(f"{arguments.out}: frame {arguments.source} to {arguments.target}, {share:.0%} of the picture\n")

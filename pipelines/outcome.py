@@ -1,6 +1,7 @@
 """Writing OUT: which kept files become which files of the run's folder, and what run.json says."""
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -81,6 +82,13 @@ def _by_frame(fit: Fit) -> dict[str, Any]:
         "confidence": [round(float(value), 4) for value in fit.confidence.mean(axis=1)],
         "losses": {name: [_short(value) for value in values] for name, values in sorted(fit.losses.items())},
     }
+
+
+def in_short(run: Mapping[str, Any]) -> str:
+    """Say how many frames went how, and which to look at first; ``run`` is what run.json holds."""
+    counts = ", ".join(f"{number} {state}" for state, number in run["states"].items())
+    frames = ", ".join(str(frame) for frame in run.get("worth_a_look", ()))
+    return f"{len(run['frames'])} frames, {counts}; most worth a look, least trusted first: {frames}"
 
 
 def _short(value: Any) -> float | None:

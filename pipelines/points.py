@@ -1,5 +1,6 @@
 """`wildpuppet points`: carry points from one frame to every frame of a run."""
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -17,7 +18,7 @@ class Arguments:
     """OUT folder of a run."""
     points: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="POINTS.csv")]
     """Rows of x,y[,part] in video pixels; part names the part of a point that is hidden in that frame."""
-    frame: int
+    frame: Annotated[int, tyro.conf.arg(metavar="FRAME")]
     """Frame number of the clip (or of the drawing, in sorted file order) that the points are in."""
     out: Annotated[Path, tyro.conf.arg(metavar="TRACKS.npz")]
     """File to write: points (T,N,2) f32, visible (T,N) bool, confidence (T,N) f32, frames (T,) i64."""
@@ -32,4 +33,6 @@ def main(arguments: Arguments) -> None:
         raise InputError(f"--out {arguments.out}: expected a name that ends with .npz")
     run = open_run(arguments.run)
     points, parts = read_points(arguments.points)
-    write_tracks(arguments.out, run.carry(points, arguments.frame, parts))
+    tracks = run.carry(points, arguments.frame, parts)
+    write_tracks(arguments.out, tracks)
+    sys.stdout.write(f"{arguments.out}: {len(points)} points in {len(tracks.frames)} frames\n")

@@ -27,6 +27,9 @@ class Arguments:
 def main(arguments: Arguments) -> None:
     """Forget runs whose OUT is gone, then clear what nobody uses."""
     store = Store(arguments.store)
+    if not arguments.store.exists():
+        sys.stdout.write(f"{arguments.store}: no store there, nothing to clear\n")
+        return
     for name, note in store.runs().items():
         if note.get("is_finished") and not (Path(note["out"]) / RUN).is_file():
             store.forget_run(name)

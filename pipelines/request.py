@@ -1,5 +1,6 @@
 """What a run was asked for, and how the outside world (files, boxes) becomes inputs that have a digest."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -66,16 +67,23 @@ def target_of(request: Request, clip: Clip) -> Target:
     at = start if request.at is None else request.at
     if not start <= at < end:
         raise InputError(f"--at {at}: expected a frame of the range {start} to {end - 1}, where the box is given")
-    _check_box(request.box_video, clip.size)
+    _check_inside(request.box_video, clip.size)
     return Target(request.box_video, at, start, end)
 
 
-def _check_box(box: tuple[float, float, float, float], size: tuple[int, int]) -> None:
+def check_box(box: tuple[float, float, float, float]) -> None:
+    """Raise InputError for a box that is none in any picture."""
     x, y, width, height = box
+    if not all(map(math.isfinite, box)):
+        raise InputError(f"--bbox {x:g},{y:g},{width:g},{height:g}: expected four numbers X,Y,W,H in pixels")
     if not (width > 0 and height > 0):
         raise InputError(
             f"--bbox {x:g},{y:g},{width:g},{height:g}: the box has no area; expected X,Y,W,H with W, H > 0"
         )
+
+
+def _check_inside(box: tuple[float, float, float, float], size: tuple[int, int]) -> None:
+    x, y, width, height = box
     if x >= size[0] or y >= size[1] or x + width <= 0 or y + height <= 0:
         raise InputError(
             f"--bbox {x:g},{y:g},{width:g},{height:g}: the box lies outside the frame, which is {size[0]} x {size[1]}"

@@ -12,8 +12,8 @@ from wildpuppet.machine import Device
 from .arguments import value_of
 from .presets import merged, read_preset
 from .reporter import Reporter, Silent, terminal
-from .request import Request
-from .session import STORE, Options, run_pipeline
+from .request import Request, check_box
+from .session import STORE, Options, run_pipeline, tell_end
 from .track_video import track_video
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class Arguments(Options):
     """Turn a clip with one box around a character into a puppet mesh for every frame."""
 
-    video: tyro.conf.Positional[Path]
+    video: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="VIDEO")]
     """The clip: any file that FFmpeg reads."""
     bbox: Annotated[tuple[float, float, float, float], tyro.conf.arg(metavar="X,Y,W,H")]
     """The character's box in frame --at, in video pixels; four tokens work too."""
@@ -47,12 +47,15 @@ def defaults(argv: Sequence[str]) -> Arguments:
 
 
 def main(arguments: Arguments) -> None:
-    """Run the pipeline."""
+    """Run the pipeline, then say where the results are."""
+    request = _request(arguments)
     with terminal() as reporter:
-        run_pipeline(track_video, _request(arguments), arguments, reporter)
+        is_written = run_pipeline(track_video, request, arguments, reporter)
+    tell_end(request.out, arguments.until if not is_written else None)
 
 
 def _request(arguments: Arguments) -> Request:
+    check_box(arguments.bbox)
     return Request(
         source=arguments.video,
         out=arguments.out or Path("out") / arguments.video.stem,

@@ -1,5 +1,6 @@
 """What every command that runs stages shares: its options, opening the store, the note, the end of a run."""
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,12 +11,13 @@ import tyro
 
 from wildpuppet.errors import SettingsError
 from wildpuppet.machine import Device, Machine
+from wildpuppet.runs import read_run
 from wildpuppet.settings import Settings, settings_from
 from wildpuppet.stages import NAMES
 from wildpuppet.store import Store
 
 from .keeper import Keeper, ReachedEnd
-from .outcome import Outcome, write_outcome
+from .outcome import Outcome, in_short, write_outcome
 from .reporter import Reporter
 from .request import Request
 
@@ -62,3 +64,12 @@ def run_pipeline(pipeline: Pipeline, request: Request, options: Options, reporte
     write_outcome(keeper, request, outcome)
     keeper.finish()
     return True
+
+
+def tell_end(out: Path, stopped_after: str | None) -> None:
+    """Say in a line or two how a run went and what to look at."""
+    if stopped_after:
+        sys.stdout.write(f"stopped after {stopped_after}; {out} is not written\n")
+        return
+    sheet = out / "sheet.png"
+    sys.stdout.write(f"{out}: {in_short(read_run(out))}\n" + (f"look at {sheet} first\n" if sheet.is_file() else ""))

@@ -25,12 +25,13 @@ from wildpuppet.store import Kept, Question, Store, read_json, why
 from .arguments import first_path, value_of
 from .fit_drawings import fit_drawings
 from .keeper import Keeper, flat_digests
+from .outcome import in_short
 from .presets import merged, read_preset
 from .request import Request, request_from
 from .session import STORE, Pipeline
 from .track_video import track_video
 
-INPUTS_UNKNOWN = "what it is made of would be made anew"
+INPUTS_UNKNOWN = "its inputs would be made anew"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,8 +71,9 @@ class Planner(Keeper):
     def keep(self, stage: Stage, *, weight: float = 1.0, **inputs: Kept[Any] | list[Kept[Any]]) -> Kept[Any]:
         """Note whether the result is kept; give it, or a result that is unknown."""
         step = stage.name.split(".")[0]
-        if None in flat_digests(inputs):
-            return self._missing(step, INPUTS_UNKNOWN)
+        unknown = [name for name, kept in inputs.items() if None in flat_digests({name: kept})]
+        if unknown:
+            return self._missing(step, f"{' and '.join(unknown)} would be made anew")
         question = self._question(stage, inputs)
         entry = self.store.look_up(question)
         if entry is None:
@@ -119,13 +121,10 @@ def main(arguments: Arguments) -> None:
 
 
 def advice(past: Past) -> str:
-    """Say how the frames of a finished run went, and which to look at first; nothing where OUT is gone."""
+    """Say how the frames of a finished run went; nothing where OUT is gone."""
     if not past.is_finished or not (past.request.out / RUN).is_file():
         return ""
-    run = read_json(past.request.out / RUN)
-    counts = ", ".join(f"{number} {state}" for state, number in run.get("states", {}).items())
-    frames = ", ".join(str(frame) for frame in run.get("worth_a_look", ()))
-    return f"  {len(run['frames'])} frames: {counts}; most worth a look, least trusted first: {frames}\n"
+    return f"  {in_short(read_json(past.request.out / RUN))}\n"
 
 
 def _changes(before: Settings, after: Settings) -> dict[str, dict[str, Any]]:

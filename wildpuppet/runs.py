@@ -80,12 +80,18 @@ def read_run(folder: Path) -> dict[str, Any]:
 
 
 def check_out(out: Path) -> None:
-    """Raise InputError when ``out`` holds something that is not a run of ours; an empty or absent folder is fine."""
+    """Raise InputError when ``out`` holds something that is not a run of ours; an empty or absent folder is fine.
+
+    Raises StoreError when a newer version wrote the run that it holds.
+    """
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out}: expected a folder, found a file; give another one")
-    if not out.is_dir() or (out / RUN).is_file():
+    if not out.is_dir():
         return
-    if any(not item.name.startswith(atomic.PREFIX) for item in out.iterdir()):
+    is_used = any(not item.name.startswith(atomic.PREFIX) for item in out.iterdir())
+    if (out / RUN).is_file():  # asked last: another process may be writing the folder, run.json first
+        check_format(FORMAT, read_json(out / RUN).get("schema"), out / RUN)
+    elif is_used:
         raise InputError(f"--out {out}: not empty and not a run's folder (no run.json); give a new or an empty folder")
 
 

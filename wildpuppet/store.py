@@ -123,7 +123,7 @@ def check_format(name: str, found: Any, path: Path) -> None:
     if int(version) > FORMAT_VERSION:
         raise StoreError(
             f"{path}: written by a newer wildpuppet (schema {found}, this one reads up to {name}/{FORMAT_VERSION}); "
-            "update wildpuppet or give another folder with --store"
+            "update wildpuppet or give another folder"
         )
 
 
@@ -154,9 +154,10 @@ class Store:
         if folder.exists() and not folder.is_dir():
             raise StoreError(f"{folder}: expected a folder for the store, found a file; give another --store")
         mark = folder / "store.json"
-        if mark.exists():
+        is_used = folder.is_dir() and any(not item.name.startswith(atomic.PREFIX) for item in folder.iterdir())
+        if mark.exists():  # asked last: another process may be making the store, its mark first
             check_format(FORMAT, read_json(mark).get("schema"), mark)
-        elif folder.is_dir() and any(not item.name.startswith(atomic.PREFIX) for item in folder.iterdir()):
+        elif is_used:
             raise StoreError(f"{folder}: not empty and not a store (no store.json); give another folder with --store")
 
     def _prepare(self) -> None:

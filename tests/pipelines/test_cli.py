@@ -62,8 +62,8 @@ def test_box_that_is_not_four_numbers_is_refused(box: str) -> None:
     ("words", "message"),
     [
         (["a", "--fit.stepz", "3"], r"unknown setting --fit\.stepz; did you mean --fit\.steps\?; see wildpuppet"),
-        (["--at", "3"], "PATH, --bbox X,Y,W,H is needed"),
-        (["a", "--fit.steps", "abc"], r"--fit\.steps: .*'abc'; see"),
+        (["--at", "3"], "VIDEO and --bbox X,Y,W,H are needed"),
+        (["a", "--fit.steps", "abc"], r"--fit\.steps: expected a whole number, found 'abc'; see"),
         (["a", "--device", "gpu"], "'gpu' for argument '--device'"),
     ],
 )
@@ -71,7 +71,7 @@ def test_parsers_boxes_become_one_line(
     words: list[str], message: str, has_lines: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(tyro._experimental_options, "utf8_boxes", has_lines)
-    box = [] if message.startswith("PATH") else ["--bbox", "1", "2", "3", "4"]
+    box = [] if message.startswith("VIDEO") else ["--bbox", "1", "2", "3", "4"]
     with pytest.raises(SettingsError, match=message) as caught:
         parse(Arguments, [*words, *box], "wildpuppet run", defaults(words))
     assert "\n" not in str(caught.value)

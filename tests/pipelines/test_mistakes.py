@@ -63,9 +63,10 @@ def test_video_that_is_none(
         (("--at", str(FRAMES)), ("--at", "expected a frame of the range")),
         (("--bbox", "10,10,0,30"), ("no area",)),
         (("--bbox", "10,10,-5,30"), ("no area",)),
+        (("--bbox", "10,nan,5,30"), ("expected four numbers",)),
         (("--bbox", "500,10,20,30"), ("outside the frame", "160 x 120")),
         (("--fit.stepz", "3"), ("unknown setting --fit.stepz", "did you mean --fit.steps")),
-        (("--fit.area", "-3"), ("fit.area", ">= 0")),
+        (("--fit.area", "-3"), ("setting fit.area", ">= 0", "found -3")),
         (("--fit.steps", "many"), ("--fit.steps", "many")),
         (("--config", "papr"), ("did you mean paper",)),
         (("--until", "fitt"), ("--until fitt", "track")),
@@ -142,6 +143,13 @@ def test_store_of_a_newer_version(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert_one_clear_line(drawn.run(), capsys, "newer wildpuppet", "update wildpuppet")
 
 
+def test_out_of_a_newer_version_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    drawn = drawn_in(tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "run.json").write_text('{"schema": "wildpuppet.run/99"}')
+    assert_one_clear_line(drawn.run(), capsys, "newer wildpuppet", "update wildpuppet")
+
+
 def test_store_that_is_somebody_elses_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     drawn = drawn_in(tmp_path)
     assert_one_clear_line(drawn.run(store="puppet"), capsys, "not a store")
@@ -164,7 +172,11 @@ def test_out_that_is_somebody_elses_folder(tmp_path: Path, capsys: pytest.Captur
         (["fit", "nowhere", "--puppet", "nowhere", "--out", "a"], "nowhere"),
         (["puppet", "check", "nowhere"], "nowhere"),
         (["evaluate", "nowhere"], "nowhere"),
-        (["rnu"], "unknown command rnu"),
+        (["evaluate"], "BENCH_DIR is needed"),
+        (["rnu"], "unknown command rnu; did you mean run?"),
+        (["puppet"], "did you mean puppet check?"),
+        (["status"], "RUN|VIDEO is needed"),
+        (["points", "nowhere"], "POINTS.csv and --frame FRAME and --out TRACKS.npz are needed"),
     ],
 )
 def test_other_commands_say_what_they_expected(

@@ -21,7 +21,8 @@ def read_points(path: Path) -> tuple[Float[np.ndarray, "N 2"], tuple[str | None,
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected a csv file of x,y[,part] rows; it cannot be read ({error})") from None
+        found = "no such file" if isinstance(error, FileNotFoundError) else f"one that cannot be read ({error})"
+        raise InputError(f"{path}: expected a csv file of x,y[,part] rows, found {found}") from None
     positions: list[tuple[float, float]] = []
     parts: list[str | None] = []
     rows = csv.reader(text.splitlines())
