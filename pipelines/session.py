@@ -55,6 +55,8 @@ def run_pipeline(pipeline: Pipeline, request: Request, options: Options, reporte
         if name is not None and name not in NAMES:
             raise SettingsError(f"{flag} {name}: expected one of {', '.join(NAMES)}")
     machine = Machine(device=options.device)
+    if options.device == "cuda":
+        check_cuda(machine)
     keeper = Keeper(Store(options.store), request.settings, machine, reporter, until=options.until, redo=options.redo)
     keeper.noted_as(request.note_name, {"out": str(request.out.absolute()), "request": request.plain()})
     try:
@@ -64,6 +66,13 @@ def run_pipeline(pipeline: Pipeline, request: Request, options: Options, reporte
     write_outcome(keeper, request, outcome)
     keeper.finish()
     return True
+
+
+def check_cuda(machine: Machine) -> None:
+    """Raise InputError where there is no CUDA device, before any work is done."""
+    from wildpuppet.deform.learn import device_of
+
+    device_of(machine)
 
 
 def tell_end(out: Path, stopped_after: str | None) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from wildpuppet.runs import TIMINGS, read_run
+from wildpuppet.stages import NAMES
 from wildpuppet.store import read_json
 
 from .request import Request, request_from
@@ -21,9 +22,9 @@ def stage_lines(folder: Path) -> list[str]:
 
 
 def stage_seconds(folder: Path) -> dict[str, float]:
-    """Read the seconds of each stage."""
+    """Read the seconds of each stage, in the order in which they run."""
     seconds: dict[str, float] = read_json(folder / TIMINGS)["seconds"]
-    return seconds
+    return {name: seconds[name] for name in NAMES if name in seconds}
 
 
 def flow_lines(folder: Path) -> list[str]:

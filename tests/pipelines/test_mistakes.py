@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import torch
 from PIL import Image
 
 from pipelines.cli import run_command
@@ -79,6 +80,14 @@ def test_range_box_and_settings(
     drawn: Drawn, flags: tuple[str, ...], words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert_one_clear_line(drawn.run(*flags, out="none"), capsys, *words)
+    assert not (drawn.folder / "none").exists()
+
+
+def test_cuda_where_there_is_none(
+    drawn: Drawn, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert_one_clear_line(drawn.run("--device", "cuda", out="none"), capsys, "expected a CUDA device", "--device auto")
     assert not (drawn.folder / "none").exists()
 
 
