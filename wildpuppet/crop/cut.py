@@ -16,6 +16,8 @@ from wildpuppet.video.held import number_drawings
 from wildpuppet.video.read import FrameReader
 
 UNKNOWN = 128
+# Held drawings are looked for in the boxes and this share of the largest side around them.
+AROUND = 0.1
 
 
 def cut(clip: Clip, track: Track, target: Target, settings: CropSettings, machine: Machine) -> Crops:
@@ -31,19 +33,20 @@ def cut(clip: Clip, track: Track, target: Target, settings: CropSettings, machin
     windows = windows_of(track.boxes_video, track.shot, reference, settings)
     matter = None
     if settings.matte:
-        scale = plate_scale(clip, 1.0 / float(windows.video_from_crop[reference, 0, 0]))
+        scale = plate_scale(clip, track, 1.0 / float(windows.video_from_crop[reference, 0, 0]))
         survey, steps = learn_plates(clip, track, scale, machine)
         matter = Matter(track, survey, scale)
         if settings.hold_threshold > 0:
             windows = go_along(windows, steps, survey.plane_from_frame, scale)
     images = WindowImages(clip, track, windows, matter)
-    drawing = number_drawings(images, track.shot, settings.hold_threshold)
+    box_crop = boxes_in_windows(track.boxes_video, windows.video_from_crop)
+    drawing = number_drawings(BoxImages(images, box_crop), track.shot, settings.hold_threshold)
     return Crops(
         frames=track.frames,
         size=windows.size,
         video_from_crop=windows.video_from_crop,
         images=images,
-        box_crop=boxes_in_windows(track.boxes_video, windows.video_from_crop),
+        box_crop=box_crop,
         drawing=drawing,
         shot=track.shot,
         state=track.state,
@@ -80,6 +83,23 @@ class WindowImages:
             return np.full((size[1], size[0]), UNKNOWN, np.uint8)
         matte = self._matter.matte(t, crop, video_from_crop)
         return np.where(inside_image(self._clip.size, video_from_crop, size), matte, UNKNOWN).astype(np.uint8)
+
+
+class BoxImages:
+    """The part of a stack that holds all boxes, with a little around them: what is compared to find held drawings."""
+
+    def __init__(self, images: WindowImages, boxes: Float[np.ndarray, "T 4"]) -> None:
+        by = AROUND * boxes[:, 2:].max()
+        low = np.maximum(np.floor(boxes[:, :2].min(0) - by), 0).astype(int)
+        high = np.ceil((boxes[:, :2] + boxes[:, 2:]).max(0) + by).astype(int)
+        self._images = images
+        self._part = slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
+
+    def __len__(self) -> int:
+        return len(self._images)
+
+    def __getitem__(self, index: slice, /) -> UInt8[np.ndarray, "n H W 4"]:
+        return self._images[index][:, *self._part]
 
 
 def boxes_in_windows(

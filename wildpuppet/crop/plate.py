@@ -14,21 +14,23 @@ from wildpuppet.crop.hold import Steps
 from wildpuppet.crop.warp import cut_window
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
-from wildpuppet.track.survey import Survey, survey
+from wildpuppet.track.survey import Survey, samples_per_shot, survey
 from wildpuppet.types import Clip, Track
 from wildpuppet.video.read import FrameReader
 
-# Pictures per shot; they are what bounds the memory.
-NUM_SAMPLES = 60
-# Plates are not finer than this, in pixels per frame of the video.
-MOST_PIXELS = 450_000
+# Pictures kept in all, and per shot at most; with their size they are what bounds the memory.
+SAMPLES_IN_ALL, MOST_SAMPLES = 120, 60
+# Pixels of a kept picture at most, and of all of them together (four bytes each).
+MOST_PIXELS, PIXELS_IN_ALL = 450_000, 50_000_000
 # The box is widened by this share of its larger side before what is outside counts as background.
 GUARD = 0.05
 
 
-def plate_scale(clip: Clip, crop_from_video: float) -> float:
+def plate_scale(clip: Clip, track: Track, crop_from_video: float) -> float:
     """Choose the plate's pixels per video pixel: as fine as the crops, unless memory forbids."""
-    return min(1.0, crop_from_video, float(np.sqrt(MOST_PIXELS / (clip.size[0] * clip.size[1]))))
+    kept = len(np.unique(track.shot)) * samples_per_shot(track.shot, SAMPLES_IN_ALL, MOST_SAMPLES)
+    most = min(MOST_PIXELS, PIXELS_IN_ALL / kept)
+    return min(1.0, crop_from_video, float(np.sqrt(most / (clip.size[0] * clip.size[1]))))
 
 
 def learn_plates(clip: Clip, track: Track, scale: float, machine: Machine) -> tuple[Survey, Steps]:
@@ -51,7 +53,8 @@ def learn_plates(clip: Clip, track: Track, scale: float, machine: Machine) -> tu
         return box_mask(track.boxes_video[t] * scale, size, GUARD)
 
     report = partial(report_to, machine, len(track.frames))
-    return survey(pictures(), track.shot, covered, report, NUM_SAMPLES), steps
+    num_samples = samples_per_shot(track.shot, SAMPLES_IN_ALL, MOST_SAMPLES)
+    return survey(pictures(), track.shot, covered, report, num_samples), steps
 
 
 def report_to(machine: Machine, total: int, done: int) -> None:

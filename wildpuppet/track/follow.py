@@ -18,11 +18,13 @@ from wildpuppet.track.evidence import learn_colours
 from wildpuppet.track.follower import Follower, Seen, shifted
 from wildpuppet.track.scene import Scene, region_around
 from wildpuppet.track.smooth import bridge, fill, runs_of, smooth
-from wildpuppet.track.survey import survey
+from wildpuppet.track.survey import samples_per_shot, survey
 from wildpuppet.track.trackers import make_tracker
 from wildpuppet.track.working import Pictures, Working, working_for
 from wildpuppet.types import Clip, Target, Track, TrackState
 
+# Small pictures kept in all to learn the shots' backgrounds from, about a third of a megabyte each.
+SAMPLES_IN_ALL = 320
 # At least this share of the user's box must lie inside the frame.
 LEAST_INSIDE = 0.25
 
@@ -57,9 +59,9 @@ def learn_scene(clip: Clip, target: Target, pictures: Pictures, machine: Machine
     num_frames = target.end - target.start
     shot = np.array([shot_of(clip, index) for index in range(target.start, target.end)])
     inner = (working.inner(image) for _, image in pictures.forward(target.start, target.end))
-    scene = Scene(
-        survey(inner, shot, lambda t: None, lambda done: machine.progress(done, 2 * num_frames)), target.start
-    )
+    num_samples = samples_per_shot(shot, SAMPLES_IN_ALL)
+    found = survey(inner, shot, lambda t: None, lambda done: machine.progress(done, 2 * num_frames), num_samples)
+    scene = Scene(found, target.start)
     picture = working.inner(pictures[target.at])
     box = shifted(working.box_in(target.box_video), -working.pad)
     scene.claim(picture, target.at, box)

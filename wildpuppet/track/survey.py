@@ -13,8 +13,8 @@ from jaxtyping import Float, Int, UInt8
 from wildpuppet.track.camera import Camera
 from wildpuppet.track.plate import Plate, median_plate
 
-# Pictures per shot that the plate is made of; more is surer and slower.
-NUM_SAMPLES = 32
+# Pictures that a shot's plate is made of, at most and at least; more is surer and takes more memory.
+MOST_SAMPLES, LEAST_SAMPLES = 32, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +30,17 @@ class Survey:
     samples: dict[int, dict[int, UInt8[np.ndarray, "a b 3"]]]
 
 
+def samples_per_shot(shot: Int[np.ndarray, " T"], in_all: int, most: int = MOST_SAMPLES) -> int:
+    """Share a number of pictures out among the shots."""
+    return int(np.clip(in_all // max(len(np.unique(shot)), 1), LEAST_SAMPLES, most))
+
+
 def survey(
     pictures: Iterator[UInt8[np.ndarray, "a b 3"]],
     shot: Int[np.ndarray, " T"],
     covered: Callable[[int], UInt8[np.ndarray, "a b"] | None],
     progress: Callable[[int], None],
-    num_samples: int = NUM_SAMPLES,
+    num_samples: int,
 ) -> Survey:
     """Look at every picture once; ``covered(t)`` is non-zero where the character is in picture t, None: unknown."""
     plane_from_frame = np.empty((len(shot), 2, 3))
