@@ -34,9 +34,9 @@ class Options:
     store: Annotated[Path, tyro.conf.arg(metavar="DIR")] = STORE
     """Folder of kept results: stages that are in it do not run again."""
     until: Annotated[str | None, tyro.conf.arg(metavar="STAGE")] = None
-    """Last stage to run; OUT is not written then."""
+    """Last stage to run: probe, track, crop, puppet, place, search, choose, fit or meshes; OUT is not written then."""
     redo: Annotated[str | None, tyro.conf.arg(metavar="STAGE")] = None
-    """Stage to run again although its result is kept."""
+    """Stage to run again although its result is kept; what follows runs again where that comes out differently."""
     device: Device = "auto"
     """auto takes CUDA where there is one."""
     settings: Annotated[Settings, tyro.conf.arg(name="")] = field(default_factory=Settings)
