@@ -12,8 +12,8 @@ from tests.pipelines.drawn import FRAMES, Drawn, drawn_in, scene
 from tests.scenes import write_clip
 from wildpuppet.track import working
 
-SHORT, LONG = 64, 112
-"""Frames. The background is learnt from up to 60 frames however long the clip is; both clips have more."""
+SHORT, LONG = 56, 112
+"""Frames. The background is learnt from up to 60 frames, evenly spread: here from 56 of both clips."""
 FRAME_BYTES = scene().frames[0].nbytes
 
 
