@@ -109,3 +109,23 @@ def test_what_cannot_be_followed_is_one_clear_line(tmp_path, box, at, start, end
     with pytest.raises(InputError, match=says) as caught:
         track(drawn.clip, Target(box, at, start, end), TrackSettings(), Machine())
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("box", "at", "start", "end"),
+    [
+        ((0.0, 0.0, 320.0, 200.0), 3, 0, 6),
+        ((-40.0, -30.0, 400.0, 260.0), 3, 0, 6),
+        ((-45.0, 50.0, 60.0, 80.0), 0, 0, 6),
+        ((100.0, 10.0, 4.0, 180.0), 3, 0, 6),
+        ((100.0, 90.0, 5.0, 6.0), 3, 0, 6),
+        ((60.0, 70.0, 48.0, 64.0), 3, 3, 4),
+    ],
+)
+def test_odd_boxes_and_single_frames_give_a_box_per_frame(tmp_path, box, at, start, end):
+    drawn = draw_clip(tmp_path / "clip.mp4", line((80, 100), (90, 100), 6))
+    found = track(drawn.clip, Target(box, at, start, end), TrackSettings(), Machine())
+    assert found.frames.tolist() == list(range(start, end))
+    assert np.isfinite(found.boxes_video).all()
+    assert (found.boxes_video[:, 2:] > 0).all()
+    assert np.array_equal(found.boxes_video[at - start], box)

@@ -86,6 +86,8 @@ def ring_counts(image: UInt8[np.ndarray, "h w 3"], box: Box) -> Float[np.ndarray
 
 def counted(region: UInt8[np.ndarray, "h w 3"], weight: np.ndarray) -> Float[np.ndarray, " bins"]:
     """Count a picture's colours, each pixel by its weight."""
+    if region.size == 0:
+        return np.zeros(NUM_BINS)
     return np.bincount(colour_bins(region).ravel(), weights=weight.ravel().astype(np.float64), minlength=NUM_BINS)
 
 

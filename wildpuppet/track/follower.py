@@ -37,6 +37,8 @@ GAIN, MOST_CHANGE = 0.8, 0.15
 # Where the character hardly leaves its place, a box grows by at most this factor over its remembered size, which
 # follows slowly.
 MOST_GROWTH, MEMORY_RATE = 1.2, 0.03
+# OpenCV's trackers want a box at least so many pixels large, and not thinner than one to so many.
+LEAST_SIDE, THINNEST = 10.0, 4.0
 # The tracker starts again when its box overlaps the measured one less than this for so many frames.
 AGREEMENT, PATIENCE = 0.55, 3
 
@@ -76,9 +78,9 @@ class Follower:
     def start(self, image: UInt8[np.ndarray, "h w 3"], box: Box) -> None:
         """Start a fresh tracker on a box."""
         self.tracker = self.maker()
-        x, y, w, h = (round(value) for value in box)
-        self.tracker.init(image, (x, y, max(w, 2), max(h, 2)))
-        self.box = self.tracked = box
+        self.box, self.tracked = box, kept_inside(trackable(box), image.shape)
+        x, y, w, h = (int(value) for value in self.tracked)
+        self.tracker.init(image, (x, y, w, h))
         self.disagreements = 0
 
     def step(self, image: UInt8[np.ndarray, "h w 3"], index: int, is_cut: bool) -> Seen:
@@ -146,7 +148,7 @@ class Follower:
         left, top, right, bottom = to_sides(predicted) + np.clip(GAIN * change, -limit, limit)
         box = (float(left), float(top), float(right - left), float(bottom - top))
         self.size = (1 - MEMORY_RATE) * self.size + MEMORY_RATE * np.array(box[2:])
-        self.disagreements = self.disagreements + 1 if overlap(self.tracked, box) < AGREEMENT else 0
+        self.disagreements = self.disagreements + 1 if overlap(self.tracked, trackable(box)) < AGREEMENT else 0
         return box
 
     def held_back(self, change: Float[np.ndarray, "4"], evidence: Evidence, box: Box) -> Float[np.ndarray, "4"]:
@@ -194,6 +196,19 @@ class Follower:
 def shifted(box: Box, by: float) -> Box:
     """Move a box along the diagonal."""
     return box[0] + by, box[1] + by, box[2], box[3]
+
+
+def trackable(box: Box) -> Box:
+    """Widen a box that is too small or too thin for OpenCV's trackers, about its centre."""
+    x, y, w, h = box
+    wide, high = max(w, h / THINNEST, LEAST_SIDE), max(h, w / THINNEST, LEAST_SIDE)
+    return x - (wide - w) / 2, y - (high - h) / 2, wide, high
+
+
+def kept_inside(box: Box, shape: tuple[int, ...]) -> Box:
+    """Move a box into the image; OpenCV's trackers cannot begin beyond its edge."""
+    wide, high = min(box[2], shape[1] - 1.0), min(box[3], shape[0] - 1.0)
+    return min(max(box[0], 0.0), shape[1] - 1.0 - wide), min(max(box[1], 0.0), shape[0] - 1.0 - high), wide, high
 
 
 def carried(box: Box, before: Box, after: Box, grown: float) -> Box:

@@ -184,8 +184,10 @@ def holds_character(
     """Say whether the plate inside a claimed box shows the character.
 
     ``drawn`` are the box's colours that differ from the plate, ``same`` those that do not: it does, when many of these
-    are the character's too rather than those ``around``.
+    are the character's too rather than those ``around``. With nothing around, nobody can tell: then it may.
     """
+    if len(around) == 0:
+        return True
     if len(drawn) == 0 or len(same) == 0:
         return False
     first, second = (counted(part[None], np.ones((1, len(part)))) for part in (drawn, around))

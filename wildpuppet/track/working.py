@@ -16,6 +16,8 @@ from wildpuppet.video.read import FrameReader
 
 # Larger is surer on small marks and slower (quadratic).
 BOX_PIXELS = 112
+# Border around the frame, as a share of the box's larger side: a box may leave the frame so far.
+PADDING = 0.7
 # Small copies of the whole range are kept from the first pass for the second when they take no more than this.
 KEPT_BYTES = 160 * 2**20
 # Frames decoded at once when walking backwards.
@@ -59,7 +61,7 @@ def working_for(size: tuple[int, int], box_video: Box) -> Working:
     shrink = min(1.0, BOX_PIXELS / side)
     small = max(round(size[0] * shrink), 1), max(round(size[1] * shrink), 1)
     scale = small[0] / size[0], small[1] / size[1]
-    return Working(scale, small, round(0.6 * side * shrink))
+    return Working(scale, small, round(PADDING * side * shrink))
 
 
 class Pictures:
