@@ -229,7 +229,7 @@ SEARCH_PART = Stage("search.part", 1, ("search",), _search_part, disk.save_hypot
 SEARCH = Stage("search", 1, (), _search, disk.save_hypotheses, disk.load_hypotheses)
 CHOOSE = Stage("choose", 1, ("search",), _choose, disk.save_poses, disk.load_poses)
 REST = Stage("rest", 1, (), _rest, disk.save_poses, disk.load_poses)
-FIT_PART = Stage("fit.part", 1, ("fit",), _fit_part, disk.save_fit, disk.load_fit)
+FIT_PART = Stage("fit.part", 2, ("fit",), _fit_part, disk.save_fit, disk.load_fit)
 FIT = Stage("fit", 1, (), _fit, disk.save_fit, disk.load_fit)
 TRAIN = Stage("train", 1, ("train", "fit"), _train, disk.save_fit, disk.load_fit, has_checkpoint=True)
 MESHES = Stage("meshes", 1, ("out",), _meshes, disk.save_files, disk.load_folder)

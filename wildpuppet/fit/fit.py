@@ -21,7 +21,7 @@ from wildpuppet.types import Crops, Fit, FitState, Poses, Puppet
 
 BATCH = 8
 """Frames solved together; a bound on memory."""
-DOUBTFUL = 0.35
+DOUBTFUL = 0.45
 """Mean confidence of the vertices under which a frame is called doubtful."""
 STEADY = 0.97
 """A held frame leaves its place for an energy lower than this share only: a hold must not tremble."""
