@@ -52,23 +52,3 @@ def for_opencv(a_from_b: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
     shifted = a_from_b.astype(np.float64).copy()
     shifted[:, 2] += shifted[:, :2] @ half - half
     return shifted
-
-
-def closest_similarity(
-    points_b: Float[np.ndarray, "*#batch n 2"], points_a: Float[np.ndarray, "*#batch n 2"]
-) -> Float[np.ndarray, "*#batch 2 3"]:
-    """Find the a_from_b of shift, turn and scale that brings ``points_b`` nearest to ``points_a`` (least squares).
-
-    Points that all coincide are only shifted.
-    """
-    middle_b, middle_a = points_b.mean(-2), points_a.mean(-2)
-    arm_b, arm_a = points_b - middle_b[..., None, :], points_a - middle_a[..., None, :]
-    along = (arm_b * arm_a).sum((-1, -2))
-    across = (arm_b[..., 0] * arm_a[..., 1] - arm_b[..., 1] * arm_a[..., 0]).sum(-1)
-    spread = (arm_b**2).sum((-1, -2))
-    is_point = spread < 1e-12
-    spread = np.where(is_point, 1.0, spread)
-    scale = np.where(is_point, 1.0, np.hypot(along, across) / spread)
-    maps = similarity(scale, np.arctan2(across, along), np.zeros_like(middle_a))
-    maps[..., 2] = middle_a - apply(maps, middle_b[..., None, :])[..., 0, :]
-    return maps
