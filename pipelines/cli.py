@@ -20,6 +20,8 @@ COMMANDS = {
     "fit": ("fit", "fit a puppet to a folder of unordered drawings"),
     "points": ("points", "carry points from one frame to every frame of a run"),
     "flow": ("flow", "write the dense map between two frames of a run"),
+    "export": ("export", "write a run in the formats of other programs"),
+    "formats": ("formats", "list those formats: what opens them, how exact they are"),
     "status": ("status", "say for each stage whether it is kept or would run, and why"),
     "prune": ("prune", "clear results that no run refers to"),
     "puppet check": ("puppet_check", "say in words what is wrong with a puppet folder, and draw overlay.png"),

@@ -16,12 +16,17 @@ import os
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Int
+
 from wildpuppet import atomic, disk
 from wildpuppet.errors import InputError
+from wildpuppet.export.animation import Animation, animation_of
 from wildpuppet.store import check_format, digest_of_file, read_json
 from wildpuppet.types import Crops, Fit, Puppet
 
@@ -29,6 +34,8 @@ RUN = "run.json"
 TIMINGS = "timings.json"
 FORMAT = "wildpuppet.run"
 SCHEMA = f"{FORMAT}/1"
+MESHES = "meshes.npz"
+MESHES_SCHEMA = "wildpuppet.meshes/1"
 CARRY = "carry"
 PUPPET = "puppet"
 
@@ -58,6 +65,20 @@ class RunFolder:
     def fit(self) -> Fit:
         """The fitted puppet in every frame."""
         return disk.load_fit(self.folder / CARRY)
+
+    @cached_property
+    def times(self) -> tuple[Int[np.ndarray, "T"], Fraction] | None:
+        """The frames' pts and their time base; None for drawings, which have no times."""
+        arrays = disk.read_arrays(self.folder / MESHES, MESHES_SCHEMA)
+        if "pts" not in arrays:
+            return None
+        return arrays["pts"], Fraction(*disk.whole_numbers(arrays["time_base"]))
+
+    @cached_property
+    def animation(self) -> Animation:
+        """The puppet in motion, as exports are given it."""
+        name = self.folder.resolve().name or "puppet"
+        return animation_of(self.puppet, self.crops, self.fit, self.size, self.times, name)
 
     @property
     def size(self) -> tuple[int, int]:

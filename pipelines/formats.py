@@ -1,0 +1,35 @@
+"""`wildpuppet formats`: what a run can be exported to, what opens it, and how exact it is."""
+
+import sys
+from dataclasses import dataclass
+from itertools import zip_longest
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """List the formats of `wildpuppet export`."""
+
+
+def main(arguments: Arguments) -> None:
+    """Print the table."""
+    import shutil
+
+    from wildpuppet.export.formats import HEADINGS, rows
+
+    sys.stdout.write(table([HEADINGS, *rows()], shutil.get_terminal_size((160, 24)).columns))
+
+
+def table(cells: list[tuple[str, ...]], width: int) -> str:
+    """Lay rows out in columns; long cells go on below within ``width``, unless it is too narrow for any table."""
+    import textwrap
+
+    sides = [max(len(row[column]) for row in cells) for column in range(len(cells[0]))]
+    spare = width - 2 * (len(sides) - 1)
+    while sum(sides) > spare and max(sides) > 16:
+        sides[sides.index(max(sides))] -= 1
+    lines = []
+    for row in cells:
+        wrapped = [textwrap.wrap(cell, side) or [""] for cell, side in zip(row, sides, strict=True)]
+        for parts in zip_longest(*wrapped, fillvalue=""):
+            lines.append("  ".join(part.ljust(side) for part, side in zip(parts, sides, strict=True)).rstrip())
+    return "".join(f"{line}\n" for line in lines)

@@ -1,0 +1,98 @@
+"""THE TABLE OF FORMATS. A format is one file in this folder and one line here.
+
+The file has one public function ``write(animation, folder, options, progress) -> Manifest``:
+
+- ``animation`` (export/animation.py) is read a frame at a time; pictures come from ``export/draw.py``, one at a time.
+- ``folder`` is empty and temporary: put every file into it under its final name. It is renamed to OUT/FORMAT when the
+  writer has returned and the manifest is written, so nothing half written ever looks finished.
+- ``options`` (export/options.py) are a person's choices; ``progress(done, total)`` is called with ``done`` rising.
+- The ``Manifest`` (export/manifest.py) says origin, axes, units, first frame, what the format cannot hold of this
+  very animation, and the position error where the writer reads its files back. Times, order, shots, hidden and held
+  frames and digests are added for it.
+
+Import what only the format needs inside ``write``. What a person can mend raises a WildPuppetError of one line.
+A new line here needs a round trip by a real client in tests/export/, and ``python -m tests.export.test_formats``
+writes docs/formats.md anew.
+"""
+
+import difflib
+import importlib
+import importlib.util
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, cast
+
+from wildpuppet.errors import InputError, SettingsError
+from wildpuppet.export.animation import Animation
+from wildpuppet.export.manifest import Manifest
+from wildpuppet.export.options import Options
+from wildpuppet.machine import Progress
+
+Write = Callable[[Animation, Path, Options, Progress], Manifest]
+
+NOT_VERIFIED = "not run here"
+"""What stands for the client of a format whose program cannot be run in our tests."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """One line of the table.
+
+    ``holds``: "exact" when vertex positions come back from a client to 0.01 px, "approximate" when they do not,
+    "pictures" where pixels are what it is. ``extra`` is the optional dependency to install ("": none) and ``needs``
+    the modules by which its absence is noticed. ``client``: what read the files back in our tests.
+    """
+
+    name: str
+    what: str
+    opens_in: str
+    holds: Literal["exact", "approximate", "pictures"]
+    client: str
+    module: str
+    extra: str = ""
+    needs: tuple[str, ...] = ()
+
+    def writer(self) -> Write:
+        """Import the writer; raises InputError where its extra is not installed."""
+        if any(importlib.util.find_spec(module) is None for module in self.needs):
+            raise InputError(f"--to {self.name}: needs more packages; install them with pip install '{self.install}'")
+        return cast("Write", importlib.import_module(f"wildpuppet.export.{self.module}").write)
+
+    @property
+    def install(self) -> str:
+        """What to give to pip."""
+        return f"wildpuppet[{self.extra}]" if self.extra else "wildpuppet"
+
+
+FORMATS: tuple[Format, ...] = (
+)  # fmt: skip
+
+
+def format_of(name: str) -> Format:
+    """Find a format by its name; raises SettingsError for an unknown one."""
+    named = {each.name: each for each in FORMATS}
+    if name in named:
+        return named[name]
+    near = difflib.get_close_matches(name, named, 1)
+    hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(named)}"
+    raise SettingsError(f"--to: unknown format {name or 'of no name'}; {hint}")
+
+
+def formats_of(names: str) -> tuple[Format, ...]:
+    """Find the formats of a list separated by commas, each once; raises SettingsError for unknown ones."""
+    return tuple(dict.fromkeys(format_of(name.strip()) for name in names.split(",")))
+
+
+HEADINGS = ("format", "what", "opens in", "positions", "read back by", "extra to install")
+
+
+def rows() -> list[tuple[str, ...]]:
+    """Give the table's cells, a row per format."""
+    return [(each.name, each.what, each.opens_in, each.holds, each.client, each.extra or "none") for each in FORMATS]
+
+
+def markdown() -> str:
+    """Write the table as docs/formats.md shows it."""
+    lines = ["| " + " | ".join(row) + " |" for row in (HEADINGS, tuple("---" for _ in HEADINGS), *rows())]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,20 @@
+"""What a person may choose of an export, the same for every format; a format without a use for one ignores it."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Options:
+    """Choices of an export.
+
+    ``first_frame`` numbers the first exported frame; None keeps the clip's own number. ``units_per_pixel`` is the
+    length of one video pixel in formats of three dimensions; the programs that read them work best with scenes a few
+    units wide.
+    """
+
+    first_frame: int | None = None
+    units_per_pixel: float = 0.01
+
+    def first_of(self, clip_frame: int) -> int:
+        """Number of the first exported frame, ``clip_frame`` in the clip."""
+        return clip_frame if self.first_frame is None else self.first_frame
