@@ -1,9 +1,10 @@
-"""A small cut-out figure for drawn scenes: ten textured parts on a canvas, back to front, with hinges.
+"""Two small cut-out figures for drawn scenes: textured parts on a canvas, back to front, with hinges.
 
-The art is painted with distance fields at ``FINE`` times the canvas, so that edges are smooth at any turn. Nothing
+``LIMBS`` has ten parts with elbows and knees, ``DOLL`` six with whole arms and legs. The art is painted with distance fields at ``FINE`` times the canvas, so that edges are smooth at any turn. Nothing
 here uses the library beyond its value types: what tests compare against must not come from the code under test.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -55,26 +56,60 @@ LIMBS = (
 )
 NAMES = tuple(part.name for part in LIMBS)
 
+DOLL = (
+    limb("left_arm", "torso", (116, 90), (150, 148), (10, 6.5), ((151, 152), (153, 156), 9, 8)),
+    limb("left_leg", "torso", (110, 142), (120, 212), (13, 7), ((120, 216), (134, 218), 7, 6)),
+    limb("torso", "", (100, 140), (100, 90), (21, 25), ((100, 96), (100, 80), 20, 9)),
+    limb("head", "torso", (101, 74), (103, 52), (8, 23), ((106, 42), (94, 36), 14, 12)),
+    limb("right_leg", "torso", (90, 142), (80, 212), (13, 7), ((80, 216), (94, 218), 7, 6)),
+    limb("right_arm", "torso", (84, 90), (50, 148), (10, 6.5), ((49, 152), (47, 156), 9, 8)),
+)
 
-def draw_figure(seed: int, identical: bool) -> tuple[CutOut, dict[str, np.ndarray]]:
-    """Paint the parts: the cut-out on its canvas, and premultiplied float art (0..255) at ``FINE`` times the canvas."""
-    art, parts = {}, []
-    for part in LIMBS:
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """The cut-out on its canvas, and premultiplied float art (0..255) at ``FINE`` times the canvas.
+
+    ``strokes``: each part's distance from its edge (canvas pixels, negative inside) and its colour without a line.
+    """
+
+    cutout: CutOut
+    art: dict[str, np.ndarray]
+    strokes: dict[str, tuple[np.ndarray, np.ndarray]]
+
+    def boiled(self, hand: np.random.Generator, pixels: float) -> dict[str, np.ndarray]:
+        """Trace the outlines anew with an unsteady hand, ``pixels`` off on average; what lies inside stays."""
+        traced = {}
+        for name, (distance, colour) in self.strokes.items():
+            off = smooth_noise(distance.shape, 40, hand)
+            traced[name] = _inked(distance + off * (pixels / np.abs(off).mean()), colour)
+        return traced
+
+
+def draw_figure(seed: int, identical: bool, limbs: Sequence[Limb] = LIMBS) -> Figure:
+    """Paint the parts; ``identical`` paints left and right alike."""
+    strokes, art, parts = {}, {}, []
+    for part in limbs:
         twin = part.name.removeprefix("left_").removeprefix("right_") if identical else part.name
         paint = np.random.default_rng([seed, *twin.encode()])
-        art[part.name] = _painted(part, paint, far=part.name.startswith("left_") and not identical)
+        strokes[part.name] = _painted(part, paint, far=part.name.startswith("left_") and not identical)
+        art[part.name] = _inked(*strokes[part.name])
         parts.append(Part(part.name, _straight(art[part.name])))
-    joints = tuple(JointSpec((part.parent, part.name), part.hinge) for part in LIMBS if part.parent)
-    return CutOut(CANVAS, tuple(parts), joints), art
+    joints = tuple(JointSpec((part.parent, part.name), part.hinge) for part in limbs if part.parent)
+    return Figure(CutOut(CANVAS, tuple(parts), joints), art, strokes)
 
 
-def _painted(part: Limb, paint: np.random.Generator, far: bool) -> np.ndarray:
+def _painted(part: Limb, paint: np.random.Generator, far: bool) -> tuple[np.ndarray, np.ndarray]:
     width, height = FINE * CANVAS[0], FINE * CANVAS[1]
     y, x = (np.mgrid[:height, :width].astype(np.float32) + 0.5) / FINE
     distance = np.minimum.reduce([_capsule(x, y, *stroke) for stroke in part.strokes])
     colour = _pattern(x, y, part, paint, far)
     if part.name == "head":
         colour = _face(x, y, colour)
+    return distance, colour
+
+
+def _inked(distance: np.ndarray, colour: np.ndarray) -> np.ndarray:
     ink = np.clip(0.5 + FINE * (distance + LINE), 0, 1)[..., None]
     alpha = np.clip(0.5 - FINE * distance, 0, 1)[..., None]
     return np.concatenate([(colour * (1 - ink) + INK * ink) * alpha, 255 * alpha], -1).astype(np.float32)
