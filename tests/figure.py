@@ -1,7 +1,8 @@
 """Two small cut-out figures for drawn scenes: textured parts on a canvas, back to front, with hinges.
 
-``LIMBS`` has ten parts with elbows and knees, ``DOLL`` six with whole arms and legs. The art is painted with distance fields at ``FINE`` times the canvas, so that edges are smooth at any turn. Nothing
-here uses the library beyond its value types: what tests compare against must not come from the code under test.
+``LIMBS`` has ten parts with elbows and knees, ``DOLL`` six with whole arms and legs. The art is painted with distance
+fields at ``FINE`` times the canvas, so that edges are smooth at any turn. Nothing here uses the library beyond its
+value types: what tests compare against must not come from the code under test.
 """
 
 from collections.abc import Sequence

@@ -4,7 +4,7 @@
     stress = stress_clip("crossing")
 
 ``make`` has the scenes that many tests use, ``stress`` one short clip for each thing that makes fitting hard. Both say
-what is to be seen as a ``Film`` (poses, camera, order, light, art), which draws itself as a ``Scene`` (frames and truth).
+what is to be seen as a ``Film`` (poses, camera, order, light, art), which draws a ``Scene`` (frames and truth).
 """
 
 from tests.scenes.make import make_scene

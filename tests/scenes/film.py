@@ -18,12 +18,13 @@ Art = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """A figure's parts over time, ``world`` (T, L, 2, 3) world_from_canvas, seen by ``camera`` (T, 2, 3) video_from_world.
+    """A figure's parts over time: ``world`` (T, L, 2, 3) world_from_canvas, ``camera`` (T, 2, 3) video_from_world.
 
     ``order`` (T, L) back to front; ``drawing`` and ``shot`` (T,) number distinct drawings and shots. ``art`` gives the
-    parts' art for a frame. ``double`` (T, L, 2, 3): a second figure behind the first, no part of the truth. ``smears``:
-    for a frame and a part, the places (n, 2, 3) at which it is drawn at once instead of at its own. ``light`` (T, 2, 3):
-    what the colours of the world and of the figure are multiplied by. ``ground``: the only colours of the world.
+    parts' art for a frame. ``double`` (T, L, 2, 3): a second figure behind the first, no part of the truth.
+    ``smears``: for a frame and a part, the places (n, 2, 3) at which it is drawn at once instead of at its own.
+    ``light`` (T, 2, 3): what the colours of the world and of the figure are multiplied by. ``ground``: the only
+    colours of the world.
     """
 
     size: tuple[int, int]

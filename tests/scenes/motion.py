@@ -19,7 +19,7 @@ FIGURE_HEIGHT = 200.0
 def placed(limbs: Sequence[Limb], angles: Angles, root: Point, scale: float) -> np.ndarray:
     """Forward kinematics: world_from_canvas of every part, (L, 2, 3); the torso's hinge stands at ``root``.
 
-    ``angles`` in radians. Torso and head: turns. Limbs: directions from straight down towards +x, relative to the torso.
+    ``angles`` in radians. Torso and head: turns. Limbs: directions from straight down towards +x, seen from the torso.
     """
     by_name = {part.name: part for part in limbs}
     hip = by_name["torso"].hinge
