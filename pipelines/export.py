@@ -33,6 +33,8 @@ class Arguments:
     """Number of the first exported frame in the files, such as 1001; by default the clip's own frame number."""
     units_per_pixel: float = 0.01
     """Length of one video pixel in formats of three dimensions."""
+    picture_frame: int | None = None
+    """Clip frame that formats of one picture (psd, ora) show; by default the puppet at rest."""
 
 
 def main(arguments: Arguments) -> None:
@@ -63,7 +65,7 @@ def _export(animation: "Animation", each: "Format", arguments: Arguments, report
     def progress(done: int, total: int) -> None:
         reporter.update(done / max(total, 1))
 
-    options = Options(arguments.first_frame, arguments.units_per_pixel)
+    options = Options(arguments.first_frame, arguments.units_per_pixel, arguments.picture_frame)
     reporter.begin(each.name)
     folder = export(animation, each, arguments.out, options, progress)
     reporter.end(each.name, is_kept=False)

@@ -66,6 +66,26 @@ class Format:
 
 
 FORMATS: tuple[Format, ...] = (
+    Format(
+        "png", "RGBA picture sequences: one per part, one of all", "every editor and compositor", "pictures",
+        "Pillow, OpenCV", "png",
+    ),
+    Format(
+        "prores", "ProRes 4444 .mov with alpha: one per part, one of all",
+        "After Effects, Premiere, Resolve, Final Cut, Kdenlive, Blender", "pictures", "FFmpeg (PyAV)", "prores",
+    ),
+    Format(
+        "webm", "VP9 .webm with alpha: one per part, one of all", "browsers, OBS, Blender", "pictures",
+        "FFmpeg's libvpx (PyAV)", "webm",
+    ),
+    Format(
+        "psd", "one layered picture: a layer per part", "Photoshop, Krita, Clip Studio, Affinity", "pictures",
+        "psd-tools, Pillow", "psd",
+    ),
+    Format(
+        "ora", "one layered picture: a layer per part", "Krita, GIMP, MyPaint", "pictures",
+        "Pillow, after the OpenRaster specification", "ora",
+    ),
 )  # fmt: skip
 
 

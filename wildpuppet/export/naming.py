@@ -15,6 +15,11 @@ def file_names(names: Sequence[str]) -> tuple[str, ...]:
     return _unique([re.sub(r"[^\w.-]+", "_", _plain(name)).strip("._")[:60] or "part" for name in names])
 
 
+def printable(name: str) -> str:
+    """Put question marks for control characters, which XML does not have, whatever the escape."""
+    return "".join("?" if unicodedata.category(letter) in ("Cc", "Cs") else letter for letter in name)
+
+
 def _plain(name: str) -> str:
     return unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
 

@@ -9,11 +9,12 @@ class Options:
 
     ``first_frame`` numbers the first exported frame; None keeps the clip's own number. ``units_per_pixel`` is the
     length of one video pixel in formats of three dimensions; the programs that read them work best with scenes a few
-    units wide.
+    units wide. ``picture_frame`` is the clip frame that formats of one picture show; None: the puppet at rest.
     """
 
     first_frame: int | None = None
     units_per_pixel: float = 0.01
+    picture_frame: int | None = None
 
     def first_of(self, clip_frame: int) -> int:
         """Number of the first exported frame, ``clip_frame`` in the clip."""
