@@ -22,7 +22,7 @@ from wildpuppet.types import Crops, Fit, FitState, Puppet
 
 
 class Frame(NamedTuple):
-    """Frame ``t`` of the run: ``number`` in the clip, ``seconds`` from the export's first frame, ``vertices`` in video pixels.
+    """Frame ``t`` of the run: ``number`` in the clip, ``seconds`` from the first frame, ``vertices`` in video pixels.
 
     ``order`` lists layers back to front. ``pose`` numbers the distinct drawings, in order of appearance; frames with
     the same pose have the same ``vertices_crop``. ``is_visible`` is False where the character is lost: the whole

@@ -4,6 +4,9 @@ import re
 import unicodedata
 from collections.abc import Iterable, Sequence
 
+RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+"""Names that Windows keeps for devices."""
+
 
 def identifiers(names: Sequence[str], taken: Iterable[str] = ()) -> tuple[str, ...]:
     """Turn names into unique ASCII identifiers (letters, digits, underscores, no digit first), none of ``taken``."""
@@ -12,7 +15,8 @@ def identifiers(names: Sequence[str], taken: Iterable[str] = ()) -> tuple[str, .
 
 def file_names(names: Sequence[str]) -> tuple[str, ...]:
     """Turn names into unique file stems that every system takes, also where case makes no difference."""
-    return _unique([re.sub(r"[^\w.-]+", "_", _plain(name)).strip("._")[:60] or "part" for name in names])
+    stems = [re.sub(r"[^\w.-]+", "_", _plain(name)).strip("._")[:60] or "part" for name in names]
+    return _unique([f"{stem}_" if RESERVED.fullmatch(stem) else stem for stem in stems])
 
 
 def printable(name: str) -> str:
