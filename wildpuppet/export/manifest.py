@@ -59,6 +59,8 @@ def position_error(distances: Iterable[Float[np.ndarray, "_"]], read_by: str) ->
 def write_manifest(folder: Path, format_name: str, animation: Animation, manifest: Manifest) -> None:
     """Write manifest.json beside the files that are in ``folder`` now."""
     said = asdict(manifest)
+    if not animation.is_ordered:
+        said["left_out"] = ["times: drawings have none, these are made up", *said["left_out"]]
     tree = {"schema": SCHEMA, "format": format_name, **_facts(animation), **said, "files": digests(folder)}
     (folder / MANIFEST).write_text(json.dumps(tree, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
