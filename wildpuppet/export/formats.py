@@ -86,6 +86,10 @@ FORMATS: tuple[Format, ...] = (
         "ora", "one layered picture: a layer per part", "Krita, GIMP, MyPaint", "pictures",
         "Pillow, after the OpenRaster specification", "ora",
     ),
+    Format(
+        "dragonbones", "DragonBones 5.5: meshes with deform keys, bones at the hinges",
+        "DragonBones, LoongBones, Cocos, Pixi, Egret", "exact", "DragonBones runtime (node)", "dragonbones",
+    ),
 )  # fmt: skip
 
 

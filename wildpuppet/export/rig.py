@@ -1,0 +1,46 @@
+"""A puppet's parts as game rigs want them: each a mesh of its own with texture coordinates of its own window."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from wildpuppet.export.naming import printable
+from wildpuppet.export.sprites import Window, atlas_window
+from wildpuppet.geometry.topology import boundary_edges
+from wildpuppet.types import Puppet
+
+
+class MeshPart(NamedTuple):
+    """One part: ``corners`` index the puppet's vertices, ``triangles`` and ``edges`` (the border) index ``corners``.
+
+    ``vertices`` are at rest, canvas pixels; ``uv`` 0..1 of ``window``, the part's texels in the atlas, v down.
+    """
+
+    name: str
+    window: Window
+    corners: Int[np.ndarray, "v"]
+    vertices: Float[np.ndarray, "v 2"]
+    uv: Float[np.ndarray, "v 2"]
+    triangles: Int[np.ndarray, "f 3"]
+    edges: Int[np.ndarray, "b 2"]
+
+
+def mesh_parts(puppet: Puppet) -> list[MeshPart]:
+    """Give every part, back to front as at rest."""
+    return [_part(puppet, layer) for layer in range(puppet.num_layers)]
+
+
+def _part(puppet: Puppet, layer: int) -> MeshPart:
+    corners = np.flatnonzero(puppet.layer_of_vertex == layer)
+    window = atlas_window(puppet, layer)
+    triangles = np.searchsorted(corners, puppet.triangles[puppet.layer_of_triangle == layer])
+    return MeshPart(
+        printable(puppet.names[layer]),
+        window,
+        corners,
+        puppet.vertices[corners].astype(np.float64),
+        (puppet.uv[corners] - window[:2]) / window[2:],
+        triangles,
+        boundary_edges(triangles),
+    )
