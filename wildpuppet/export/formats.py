@@ -79,6 +79,14 @@ FORMATS: tuple[Format, ...] = (
         "FFmpeg's libvpx (PyAV)", "webm",
     ),
     Format(
+        "usd", "OpenUSD .usdc: a moving mesh per part, joints, a camera", "Blender, Houdini, Maya, Unreal, Fusion",
+        "exact", "usd-core and its validators", "usd", "usd", ("pxr",),
+    ),
+    Format(
+        "usdz", "the same in one .usdz file", "Quick Look, Blender, Houdini, Maya, Unreal", "exact",
+        "usd-core and its validators", "usdz", "usd", ("pxr",),
+    ),
+    Format(
         "psd", "one layered picture: a layer per part", "Photoshop, Krita, Clip Studio, Affinity", "pictures",
         "psd-tools, Pillow", "psd",
     ),

@@ -51,8 +51,8 @@ class Manifest:
 
 def position_error(distances: Iterable[Float[np.ndarray, "_"]], read_by: str) -> PositionError:
     """Sum up distances in pixels, given frame by frame."""
-    joined = np.concatenate([np.asarray(some, np.float32).ravel() for some in distances] or [np.zeros(1, np.float32)])
-    largest, most = float(joined.max(initial=0.0)), float(np.percentile(joined, 99.9)) if len(joined) else 0.0
+    joined = np.concatenate([np.zeros(1, np.float32), *(np.asarray(some, np.float32).ravel() for some in distances)])
+    largest, most = float(joined.max()), float(np.percentile(joined, 99.9))
     return PositionError(float(f"{largest:.4g}"), float(f"{most:.4g}"), read_by)
 
 

@@ -1,0 +1,22 @@
+"""OpenUSD in one file with its texture inside: for handing over, and for the previews of Apple's systems."""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from wildpuppet.errors import StoreError
+from wildpuppet.export.animation import Animation
+from wildpuppet.export.manifest import Manifest
+from wildpuppet.export.options import Options
+from wildpuppet.export.usd import write as write_usd
+from wildpuppet.machine import Progress
+
+
+def write(animation: Animation, folder: Path, options: Options, progress: Progress) -> Manifest:
+    """Write FOLDER/puppet.usdz."""
+    from pxr import UsdUtils
+
+    with TemporaryDirectory(dir=folder) as loose:
+        manifest = write_usd(animation, Path(loose), options, progress)
+        if not UsdUtils.CreateNewUsdzPackage(str(Path(loose) / "puppet.usdc"), str(folder / "puppet.usdz")):
+            raise StoreError(f"{folder}: usd-core could not write the package; is the disk full?")
+    return manifest
