@@ -95,6 +95,15 @@ FORMATS: tuple[Format, ...] = (
         "Pillow, after the OpenRaster specification", "ora",
     ),
     Format(
+        "tapvid", "TAP-Vid point tracks (.npz): a grid on the puppet, hidden or not", "TAPIR, CoTracker, numpy",
+        "exact", "numpy", "tapvid",
+    ),
+    Format(
+        "coco", "COCO annotations: a mask per part, hinges as keypoints", "pycocotools, CVAT, FiftyOne, Detectron2",
+        "pictures", "pycocotools", "coco",
+    ),
+    Format("flo", "Middlebury optical flow to the next frame", "flow tools, OpenCV", "exact", "OpenCV", "flo"),
+    Format(
         "dragonbones", "DragonBones 5.5: meshes with deform keys, bones at the hinges",
         "DragonBones, LoongBones, Cocos, Pixi, Egret", "exact", "DragonBones runtime (node)", "dragonbones",
     ),
