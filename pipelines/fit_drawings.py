@@ -1,6 +1,6 @@
 """The paper's own case: an unordered folder of drawings and a puppet; no tracking, one canvas.
 
-drawings + puppet -> place -> search -> choose -> fit -> meshes, preview -> OUT
+drawings + puppet -> place -> search -> choose -> fit -> exposure, meshes, preview -> OUT
 """
 
 import numpy as np
@@ -27,11 +27,14 @@ def fit_drawings(keeper: Keeper, request: Request) -> Outcome:
     test = held_out(len(names), request.test_share, request.settings.train.seed)
     fit = fit_frames(keeper, puppet, crops, Frames(len(names), None, test))
     no_clip = given(None, "none")
+    numbers = keeper.keep(stages.REUSE, crops=crops)
+    exposure = keeper.keep(stages.EXPOSURE, clip=no_clip, crops=crops, fit=fit, numbers=numbers)
     meshes = keeper.keep(stages.MESHES, clip=no_clip, puppet=puppet, crops=crops, fit=fit)
     preview = None
     if keeper.settings.out.preview:
         preview = keeper.keep(stages.PREVIEW, source=folder, puppet=puppet, crops=crops, fit=fit)
-    return Outcome(drawings.value.size, puppet, crops, fit, meshes, preview, drawings.value.names, tuple(test))
+    size = drawings.value.size
+    return Outcome(size, puppet, crops, fit, numbers, exposure, meshes, preview, names, tuple(test))
 
 
 def held_out(number: int, share: float, seed: int) -> list[int]:

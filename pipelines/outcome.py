@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from wildpuppet.export.exposure import exposures_of, summary_of
 from wildpuppet.fit.advice import worth_a_look
 from wildpuppet.runs import CARRY, write_run
 from wildpuppet.store import Kept
@@ -24,6 +25,8 @@ class Outcome:
     puppet: Kept[Puppet]
     crops: Kept[Crops]
     fit: Kept[Fit]
+    numbers: Kept[Any]
+    exposure: Kept[Path]
     meshes: Kept[Path]
     preview: Kept[Path] | None
     names: tuple[str, ...] = ()
@@ -41,6 +44,7 @@ def write_outcome(keeper: Keeper, request: Request, outcome: Outcome) -> None:
         "test": list(outcome.test),
         "stages": stage_list([used.question for used in keeper.used]),
         **_by_frame(outcome.fit.value),
+        "exposure": summary_of(exposures_of(outcome.numbers.value, outcome.crops.value, outcome.fit.value)),
     }
     timings = {
         "schema": "wildpuppet.timings/1",
@@ -58,7 +62,7 @@ def _sources(keeper: Keeper, outcome: Outcome) -> dict[str, Path]:
     """Name in OUT -> file in the store."""
     carried = ((outcome.puppet, "puppet.npz"), (outcome.crops, "crops.npz"), (outcome.fit, "fit.npz"))
     sources = {f"{CARRY}/{name}": _folder(kept) / name for kept, name in carried}
-    for kept in (outcome.meshes, outcome.preview):
+    for kept in (outcome.exposure, outcome.meshes, outcome.preview):
         if kept is not None and kept.entry is not None:
             sources |= {name: kept.entry.folder / name for name in kept.entry.files}
     for used in keeper.used:

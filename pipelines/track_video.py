@@ -1,6 +1,6 @@
 """The main job: a video and a box around a character -> a puppet mesh in every frame. Reads top to bottom.
 
-probe -> (puppet) -> track -> crop -> puppet -> place -> search -> choose -> fit -> meshes, preview -> OUT
+probe -> (puppet) -> track -> crop -> puppet -> place -> search -> choose -> fit -> exposure, meshes, preview -> OUT
 """
 
 from pathlib import Path
@@ -29,11 +29,13 @@ def track_video(keeper: Keeper, request: Request) -> Outcome:
         puppet = automatic_puppet(keeper, clip, crops, target, request.out)
     frames = Frames(frames_wanted.end - frames_wanted.start, frames_wanted.at - frames_wanted.start)
     fit = fit_frames(keeper, puppet, crops, frames)
+    numbers = keeper.keep(stages.REUSE, crops=crops)
+    exposure = keeper.keep(stages.EXPOSURE, clip=clip, crops=crops, fit=fit, numbers=numbers)
     meshes = keeper.keep(stages.MESHES, clip=clip, puppet=puppet, crops=crops, fit=fit)
     preview = None
     if keeper.settings.out.preview:
         preview = keeper.keep(stages.PREVIEW, source=clip, puppet=puppet, crops=crops, fit=fit)
-    return Outcome(clip.value.size, puppet, crops, fit, meshes, preview)
+    return Outcome(clip.value.size, puppet, crops, fit, numbers, exposure, meshes, preview)
 
 
 def given_puppet(keeper: Keeper, folder: Path | None) -> Kept[Puppet] | None:

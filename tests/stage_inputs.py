@@ -120,6 +120,8 @@ INPUTS: dict[str, Callable[[Drawn], tuple[Any, ...]]] = {
     "fit.part": lambda drawn: (drawn.puppet, drawn.crops, drawn.poses, slice(0, FRAMES)),
     "fit": lambda drawn: (drawn.pieces(drawn.fit, FIT),),
     "train": lambda drawn: (drawn.puppet, drawn.crops, drawn.poses, [0, 1, 2]),
+    "reuse": lambda drawn: (drawn.crops,),
+    "exposure": lambda drawn: (drawn.clip, drawn.crops, drawn.fit, drawn.crops.drawing),
     "meshes": lambda drawn: (drawn.clip, drawn.puppet, drawn.crops, drawn.fit),
     "preview": lambda drawn: (drawn.clip, drawn.puppet, drawn.crops, drawn.fit),
 }

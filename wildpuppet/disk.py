@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 
 from wildpuppet.errors import StoreError
 from wildpuppet.types import Clip, Crops, CutOut, Fit, Hypotheses, Images, PointTracks, Poses, Puppet, Track
@@ -237,6 +237,16 @@ def save_placement(crop_from_canvas: Float[np.ndarray, "*T 2 3"], folder: Path) 
 def load_placement(folder: Path) -> Float[np.ndarray, "*T 2 3"]:
     """Read the rest placement."""
     return read_arrays(folder / "placement.npz", "wildpuppet.placement/1")["crop_from_canvas"]
+
+
+def save_numbers(numbers: Int[np.ndarray, "T"], folder: Path) -> None:
+    """Write the number of each frame's drawing."""
+    write_arrays(folder / "numbers.npz", "wildpuppet.numbers/1", {"drawing": numbers})
+
+
+def load_numbers(folder: Path) -> Int[np.ndarray, "T"]:
+    """Read the number of each frame's drawing."""
+    return read_arrays(folder / "numbers.npz", "wildpuppet.numbers/1")["drawing"]
 
 
 def save_files(write: Callable[[Path], None], folder: Path) -> None:

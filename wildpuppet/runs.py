@@ -3,7 +3,7 @@
     run.json       what was asked for, the key of every result, states and losses by frame, the frames most worth a
                    look, a digest of every file
     timings.json   when, where and how long: all that may differ between two runs with the same answer
-    meshes.npz, preview.mp4, sheet.png, meshes/      see ``export/``
+    exposure.csv, meshes.npz, preview.mp4, sheet.png, meshes/      see ``export/``
     carry/         puppet.npz, crops.npz, fit.npz: enough to carry points and flow when the store is gone
     puppet/        the automatic puppet, when none was given
 

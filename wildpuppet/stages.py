@@ -179,6 +179,21 @@ def _train(
     return fit_of(puppet, crops, poses, trained, train_settings, fit_settings, machine)
 
 
+def _reuse(crops: Crops, settings: CropSettings, machine: Machine) -> Int[np.ndarray, "T"]:
+    from wildpuppet.crop.reused import number_reused
+
+    return number_reused(crops, settings, machine)
+
+
+def _exposure(clip: Clip | None, crops: Crops, fit: Fit, numbers: Int[np.ndarray, "T"], machine: Machine) -> WriteFiles:
+    from wildpuppet.export.exposure import write_exposure
+
+    def write(folder: Path) -> None:
+        write_exposure(folder / "exposure.csv", numbers, crops, fit, clip)
+
+    return write
+
+
 def _meshes(
     clip: Clip | None, puppet: Puppet, crops: Crops, fit: Fit, settings: OutSettings, machine: Machine
 ) -> WriteFiles:
@@ -232,12 +247,14 @@ REST = Stage("rest", 1, (), _rest, disk.save_poses, disk.load_poses)
 FIT_PART = Stage("fit.part", 2, ("fit",), _fit_part, disk.save_fit, disk.load_fit)
 FIT = Stage("fit", 1, (), _fit, disk.save_fit, disk.load_fit)
 TRAIN = Stage("train", 1, ("train", "fit"), _train, disk.save_fit, disk.load_fit, has_checkpoint=True)
+REUSE = Stage("reuse", 1, ("crop",), _reuse, disk.save_numbers, disk.load_numbers)
+EXPOSURE = Stage("exposure", 1, (), _exposure, disk.save_files, disk.load_folder)
 MESHES = Stage("meshes", 1, ("out",), _meshes, disk.save_files, disk.load_folder)
 PREVIEW = Stage("preview", 1, (), _preview, disk.save_files, disk.load_folder)
 
 STAGES = (
     PROBE, TRACK, CROP, DRAWINGS, AUTOMATIC, PUPPET, PLACE, SEARCH_PART, SEARCH, CHOOSE, REST, FIT_PART, FIT, TRAIN,
-    MESHES, PREVIEW,
+    REUSE, EXPOSURE, MESHES, PREVIEW,
 )  # fmt: skip
 NAMES = tuple(stage.name for stage in STAGES if "." not in stage.name)
 """What ``--until`` and ``--redo`` take."""

@@ -1,3 +1,4 @@
+import csv
 import json
 import shutil
 import subprocess
@@ -35,7 +36,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Drawn:
 def test_out_holds_what_the_readme_says(drawn: Drawn) -> None:
     out = drawn.folder / "out"
     assert set(final_files(out)) == {
-        "run.json", "meshes.npz", "atlas.png", "carry/puppet.npz", "carry/crops.npz", "carry/fit.npz",
+        "run.json", "exposure.csv", "meshes.npz", "atlas.png", "carry/puppet.npz", "carry/crops.npz", "carry/fit.npz",
     }  # fmt: skip
     run = json.loads((out / "run.json").read_text())
     assert run["schema"] == "wildpuppet.run/1"
@@ -46,6 +47,10 @@ def test_out_holds_what_the_readme_says(drawn: Drawn) -> None:
     assert sum(run["states"].values()) == FRAMES
     assert run["worth_a_look"][0] == run["frames"][int(np.argmin(run["confidence"]))]
     assert run["request"]["settings"]["fit"]["steps"] == 3
+    assert run["exposure"]["drawings"] == run["exposure"]["exposures"] == FRAMES
+    assert (run["exposure"]["ones"], run["exposure"]["reused"]) == (1.0, 0)
+    with (out / "exposure.csv").open(newline="") as file:
+        assert [row["drawing"] for row in csv.DictReader(file)] == [str(index + 1) for index in range(FRAMES)]
     assert {"probe", "track", "crop", "fit"} <= set(json.loads((out / "timings.json").read_text())["seconds"])
 
 
@@ -94,9 +99,9 @@ def test_changed_fit_setting_reruns_only_fit_and_what_follows_and_status_says_wh
     assert f"{FRAMES} frames, " in advice
     assert "most worth a look" in advice
     assert told["fit"] == "would run because settings.fit.area 0.002 -> 0.2"
-    assert {step for step, words in told.items() if words != "kept"} == {"fit", "meshes"}
+    assert {step for step, words in told.items() if words != "kept"} == {"fit", "exposure", "meshes"}
     assert drawn.run("--fit.area", "0.2", out="changed") == 0
-    assert made_now(capsys.readouterr().err) == ["fit", "meshes"]
+    assert made_now(capsys.readouterr().err) == ["fit", "exposure", "meshes"]
 
 
 def test_redo_makes_one_stage_anew_and_what_follows_stays_when_it_comes_out_the_same(
@@ -210,7 +215,7 @@ def test_prune_clears_what_no_run_refers_to(tmp_path: Path, capsys: pytest.Captu
     assert "cleared 0 results" in capsys.readouterr().out
     shutil.rmtree(tmp_path / "second")
     assert run_command(["prune", *store]) == 0
-    assert "cleared 3 results" in capsys.readouterr().out
+    assert "cleared 4 results" in capsys.readouterr().out
     assert drawn.run() == 0
     assert made_now(capsys.readouterr().err) == []
 
