@@ -24,6 +24,8 @@ COMMANDS = {
     "formats": ("formats", "list those formats: what opens them, how exact they are"),
     "status": ("status", "say for each stage whether it is kept or would run, and why"),
     "prune": ("prune", "clear results that no run refers to"),
+    "puppet import": ("puppet_import", "turn another tool's file (PSD, ORA, PNGs, SVG, ...) into a puppet folder"),
+    "puppet from-outlines": ("puppet_from_outlines", "cut a puppet out of one frame along outlines"),
     "puppet check": ("puppet_check", "say in words what is wrong with a puppet folder, and draw overlay.png"),
     "evaluate": ("evaluate", "carry a benchmark's points and print the accuracy table"),
     "bench": ("benchmark", "time the renderer and a run"),
@@ -58,7 +60,7 @@ def run_command(argv: list[str]) -> int:
 
 def overview() -> str:
     """List the commands."""
-    lines = [f"  {name:<14}{what}\n" for name, (_, what) in COMMANDS.items()]
+    lines = [f"  {name:<22}{what}\n" for name, (_, what) in COMMANDS.items()]
     return f"usage: wildpuppet COMMAND ...\n\n{''.join(lines)}\nwildpuppet COMMAND --help says more.\n"
 
 

@@ -8,7 +8,9 @@ from PIL import Image
 
 from wildpuppet.errors import PuppetError
 from wildpuppet.puppet.folder import read_cutout
-from wildpuppet.puppet.outlines import Outline, Outlines, cutout_from_outlines, polygon_coverage, read_outlines
+from wildpuppet.puppet.coverage import polygon_coverage
+from wildpuppet.puppet.imports.labelme import read_outlines
+from wildpuppet.puppet.outlines import Outline, Outlines, cutout_from_outlines
 from wildpuppet.types import JointSpec
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -141,10 +143,10 @@ def test_fields_out_of_range_are_named(tmp_path: Path, others: dict[str, object]
 
 
 def test_unreadable_outline_files_are_named(tmp_path: Path) -> None:
-    with pytest.raises(PuppetError, match="cannot read outlines"):
+    with pytest.raises(PuppetError, match="expected a file, found nothing"):
         read_outlines(tmp_path / "nothing.json")
     (tmp_path / "broken.json").write_text("{")
-    with pytest.raises(PuppetError, match="not JSON"):
+    with pytest.raises(PuppetError, match="not valid JSON at line 1"):
         read_outlines(tmp_path / "broken.json")
     (tmp_path / "list.json").write_text("[]")
     with pytest.raises(PuppetError, match="found list"):
