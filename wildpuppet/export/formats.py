@@ -87,6 +87,10 @@ FORMATS: tuple[Format, ...] = (
         "usd-core and its validators", "usdz", "usd", ("pxr",),
     ),
     Format(
+        "glb", "glTF 2.0: a mesh per part, a morph target per drawing", "three.js and browsers, game engines, Blender",
+        "exact", "pygltflib; Khronos's glTF validator", "glb",
+    ),
+    Format(
         "psd", "one layered picture: a layer per part", "Photoshop, Krita, Clip Studio, Affinity", "pictures",
         "psd-tools, Pillow", "psd",
     ),
@@ -106,6 +110,10 @@ FORMATS: tuple[Format, ...] = (
     Format(
         "dragonbones", "DragonBones 5.5: meshes with deform keys, bones at the hinges",
         "DragonBones, LoongBones, Cocos, Pixi, Egret", "exact", "DragonBones runtime (node)", "dragonbones",
+    ),
+    Format(
+        "spine", "Spine 4.2 JSON: meshes with deform keys, bones at the hinges", "Spine, engines with its runtime",
+        "exact", "an evaluator of our tests, after the published format", "spine",
     ),
 )  # fmt: skip
 

@@ -4,7 +4,7 @@ Rigs have bones and meshes, so the window that follows the character becomes a m
 the window's own pixels: while a drawing is held under a moving camera, the mesh has one key.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -43,14 +43,14 @@ def segments(animation: Animation, most_frames: int) -> list[Segment]:
     return found
 
 
-def keys(values: Sequence[object], segment: Segment) -> Iterator[Key]:
+def keys(values: Sequence[object], segment: Segment, cuts: Collection[int] = ()) -> Iterator[Key]:
     """Give the keys of a track inside a segment: a new one where its value changes.
 
-    A value that lasts more than a frame is held (stepped), and so is the last one.
+    A value that lasts more than a frame is held (stepped), and so are the last one and one before a cut.
     """
     changes = [t for t in range(segment.start + 1, segment.end) if values[t] != values[t - 1]]
     for start, end in pairwise([segment.start, *changes, segment.end]):
-        yield Key(start, end - start, end - start == 1 and end < segment.end)
+        yield Key(start, end - start, end - start == 1 and end < segment.end and end not in cuts)
 
 
 def shown_poses(animation: Animation) -> list[int]:

@@ -44,3 +44,23 @@ def _part(puppet: Puppet, layer: int) -> MeshPart:
         triangles,
         boundary_edges(triangles),
     )
+
+
+def loops(edges: Int[np.ndarray, "b 2"]) -> list[list[int]]:
+    """Chain border edges, each in its triangle's direction, into closed outlines, the longest first.
+
+    A corner where an outline touches itself is listed once.
+    """
+    following: dict[int, list[int]] = {}
+    for start, end in edges.tolist():
+        following.setdefault(start, []).append(end)
+    found = []
+    while following:
+        loop = [next(iter(following))]
+        while loop[-1] in following:
+            ends = following[loop[-1]]
+            loop.append(ends.pop())
+            if not ends:
+                del following[loop[-2]]
+        found.append(list(dict.fromkeys(loop)))
+    return sorted(found, key=len, reverse=True)

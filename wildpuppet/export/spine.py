@@ -1,0 +1,183 @@
+"""Spine 4.2: NAME.json, NAME.atlas, NAME.png; y up, zero at the picture's lower left corner.
+
+Bones: ``window``, which follows the character through the picture, and under it one per hinge. One slot per part with a
+mesh and deform keys, draw order, attachments that go away where the character is lost, and an event ``shot`` at each
+cut. Times are exact to the microsecond, so a variable frame rate is kept. At rest the puppet stands as it was drawn.
+
+The format asks for the outline's corners first, in their order; of a mesh with holes or islands the longest outline
+counts. Files are written after the published format; reading them in a product takes a Spine licence of your own.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from PIL import Image
+
+from wildpuppet.export.animation import Animation
+from wildpuppet.export.json_stream import write_json
+from wildpuppet.export.keys import Joint, Key, Segment, joints, keys, shown_poses, unique
+from wildpuppet.export.manifest import Manifest
+from wildpuppet.export.naming import file_names
+from wildpuppet.export.options import Options
+from wildpuppet.export.rig import MeshPart, loops, mesh_parts
+from wildpuppet.machine import Progress
+
+VERSION = "4.2.43"
+WINDOW = "window"
+UP = np.array([1.0, -1.0])
+
+
+def write(animation: Animation, folder: Path, options: Options, progress: Progress) -> Manifest:
+    """Write the three files."""
+    stem = file_names([animation.name])[0]
+    parts = [_hull_first(part) for part in mesh_parts(animation.puppet)]
+    Image.fromarray(animation.puppet.atlas).save(folder / f"{stem}.png")
+    (folder / f"{stem}.atlas").write_text(_atlas(animation, parts, stem), encoding="utf-8")
+    with (folder / f"{stem}.json").open("w", encoding="utf-8") as file:
+        write_json(file, _skeleton(animation, parts, progress))
+    holed = [part.name for part in parts if len(loops(part.edges)) > 1]
+    left_out = [f"outlines of holes and islands, in the editor: {', '.join(holed)}"] if holed else []
+    return Manifest("bottom left corner of the picture", "x right, y up, pixels", 0, 1.0, tuple(left_out))
+
+
+def _hull_first(part: MeshPart) -> MeshPart:
+    """Put the corners of the longest outline first, in their order."""
+    outline = loops(part.edges)[0]
+    inner = np.setdiff1d(np.arange(len(part.corners)), outline)
+    order = np.concatenate([outline, inner]).astype(np.int64)
+    place = np.argsort(order)
+    return part._replace(
+        corners=part.corners[order],
+        vertices=part.vertices[order],
+        uv=part.uv[order],
+        triangles=place[part.triangles],
+        edges=place[part.edges],
+    )
+
+
+def _regions(parts: Sequence[MeshPart]) -> tuple[str, ...]:
+    return file_names([part.name for part in parts])
+
+
+def _atlas(animation: Animation, parts: Sequence[MeshPart], stem: str) -> str:
+    height, width = animation.puppet.atlas.shape[:2]
+    head = f"{stem}.png\nsize: {width}, {height}\nfilter: Linear, Linear\npma: false\n"
+    return head + "".join(
+        f"{name}\nbounds: {part.window.x}, {part.window.y}, {part.window.width}, {part.window.height}\n"
+        for name, part in zip(_regions(parts), parts, strict=True)
+    )
+
+
+def _skeleton(animation: Animation, parts: Sequence[MeshPart], progress: Progress) -> dict[str, Any]:
+    hinges = joints(animation)
+    names = unique([hinge.name for hinge in hinges], ["root", WINDOW])
+    width, height = animation.size
+    bones: list[dict[str, Any]] = [{"name": "root"}, {"name": WINDOW, "parent": "root", "y": height}]
+    bones += [
+        {"name": name, "parent": WINDOW, **_xy(hinge.rest * UP)} for name, hinge in zip(names, hinges, strict=True)
+    ]
+    meshes = {part.name: {part.name: _mesh(part, region)} for part, region in zip(parts, _regions(parts), strict=True)}
+    return {
+        "skeleton": {
+            "hash": "wildpuppet", "spine": VERSION, "x": 0, "y": 0, "width": width, "height": height,
+            "images": "./", "fps": round(float(animation.timing.rate), 3),
+        },
+        "bones": bones,
+        "slots": [{"name": part.name, "bone": WINDOW, "attachment": part.name} for part in parts],
+        "skins": [{"name": "default", "attachments": meshes}],
+        "events": {"shot": {}},
+        "animations": {animation.name: _motion(animation, parts, hinges, names, progress)},
+    }  # fmt: skip
+
+
+def _mesh(part: MeshPart, region: str) -> dict[str, Any]:
+    hull = loops(part.edges)[0]
+    edges = np.stack([np.arange(len(hull)), np.roll(np.arange(len(hull)), -1)], 1) * 2
+    return {
+        "type": "mesh", "path": region, "uvs": np.round(part.uv, 7).ravel().tolist(), "triangles": part.triangles,
+        "vertices": part.vertices * UP, "hull": len(hull), "edges": edges, "width": part.window.width,
+        "height": part.window.height,
+    }  # fmt: skip
+
+
+def _motion(
+    animation: Animation, parts: Sequence[MeshPart], hinges: Sequence[Joint], names: Sequence[str], progress: Progress
+) -> dict[str, Any]:
+    whole = Segment(animation.name, 0, len(animation))
+    posed = list(keys(shown_poses(animation), whole, animation.shot_starts))
+    shown = list(keys(animation.is_visible.tolist(), whole))
+    deformed = {
+        part.name: {part.name: {"deform": _deformed(animation, part, posed, (number, len(parts)), progress)}}
+        for number, part in enumerate(parts)
+    }
+    moved = {
+        name: {"translate": [_step(animation, key) | _xy((hinge.crop[key.at] - hinge.rest) * UP) for key in posed]}
+        for name, hinge in zip(names, hinges, strict=True)
+    }
+    return {
+        "slots": {part.name: {"attachment": [_shown(animation, part, key) for key in shown]} for part in parts},
+        "bones": {WINDOW: _window(animation, whole), **moved},
+        "attachments": {"default": deformed},
+        "drawOrder": [
+            _order(animation, parts, key) for key in keys([order.tobytes() for order in animation.order], whole)
+        ],
+        "events": [
+            {"time": _time(animation, t), "name": "shot", "int": number}
+            for number, t in enumerate(animation.shot_starts, 1)
+        ],
+    }
+
+
+def _time(animation: Animation, t: int) -> float:
+    return round(float(animation.timing.seconds(t)), 6)
+
+
+def _step(animation: Animation, key: Key) -> dict[str, Any]:
+    """Say when a key is; one that does not glide is held until the next."""
+    time = {"time": _time(animation, key.at)}
+    return time if key.is_gliding else {**time, "curve": "stepped"}
+
+
+def _xy(place: Float[np.ndarray, "2"]) -> dict[str, float]:
+    return {"x": round(float(place[0]), 4), "y": round(float(place[1]), 4)}
+
+
+def _shown(animation: Animation, part: MeshPart, key: Key) -> dict[str, Any]:
+    return {"time": _time(animation, key.at), "name": part.name if animation.is_visible[key.at] else None}
+
+
+def _deformed(
+    animation: Animation, part: MeshPart, posed: Sequence[Key], turn: tuple[int, int], progress: Progress
+) -> Iterator[dict[str, Any]]:
+    number, count = turn
+    for key in posed:
+        moved = animation.vertices_crop[key.at][part.corners].astype(np.float64) - part.vertices
+        yield _step(animation, key) | {"vertices": moved * UP}
+        progress((number * len(animation) + key.at + key.duration) // count, len(animation))
+
+
+def _order(animation: Animation, parts: Sequence[MeshPart], key: Key) -> dict[str, Any]:
+    """Write where each moved slot went, in slots forward from where it is at rest."""
+    rank = np.argsort(animation.order[key.at]).tolist()
+    offsets = [{"slot": parts[slot].name, "offset": place - slot} for slot, place in enumerate(rank) if slot != place]
+    return {"time": _time(animation, key.at), **({"offsets": offsets} if offsets else {})}
+
+
+def _window(animation: Animation, whole: Segment) -> dict[str, Any]:
+    """Move the window's bone by turn, scale, shear and shift, which together are any affine map."""
+    maps = animation.video_from_crop
+    every = list(keys([each.tobytes() for each in maps], whole, animation.shot_starts))
+    up = maps[:, :, :2] * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    turn = np.degrees(np.unwrap(np.arctan2(up[:, 1, 0], up[:, 0, 0])))
+    other = np.degrees(np.unwrap(np.arctan2(up[:, 1, 1], up[:, 0, 1]))) - 90.0
+    scale = np.linalg.norm(up, axis=1)
+    rows = [(_step(animation, key), key.at) for key in every]
+    return {
+        "translate": [step | _xy(maps[t, :, 2] * UP) for step, t in rows],
+        "rotate": [step | {"value": round(float(turn[t]), 6)} for step, t in rows],
+        "scale": [step | {"x": round(float(scale[t, 0]), 7), "y": round(float(scale[t, 1]), 7)} for step, t in rows],
+        "shear": [step | {"y": round(float(other[t] - turn[t]), 6)} for step, t in rows],
+    }
