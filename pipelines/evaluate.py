@@ -121,21 +121,31 @@ def evaluate(case: Case, arguments: Arguments, reporter: Reporter) -> "list[Row]
     from wildpuppet.correspond.pck import read_truth
 
     truth = read_truth(case.truth)
+    ours = {"ours": carried(case, truth, arguments, reporter)}
+    return compare(case.name, case.kind, truth, {**baselines(case, truth, arguments), **ours})
+
+
+def carried(case: Case, truth: "Truth", arguments: Arguments, reporter: Reporter) -> "Carried":
+    """Run one case and carry the reference frame's points through it."""
     run = run_case(case, truth, arguments, reporter)
     points = truth.points[truth.reference].astype(float)
     tracks = run.carry(points, truth.reference, [run.puppet.names[part] for part in truth.part])
     if tracks.points_video.shape != truth.points.shape:
         found = f"{len(tracks.frames)} frames in {case.folder}, {len(truth.points)} in {case.truth.name}"
         raise InputError(f"{case.truth}: expected ground truth for every frame, found {found}")
-    ours = {"ours": (tracks.points_video, tracks.visible)}
-    return compare(case.name, case.kind, truth, {**baselines(case, truth, arguments), **ours})
+    return tracks.points_video, tracks.visible
+
+
+def out_of(case: Case, arguments: Arguments) -> Path:
+    """Give the OUT folder of a case's run."""
+    return arguments.work / f"{case.name}-{case.kind}"
 
 
 def run_case(case: Case, truth: "Truth", arguments: Arguments, reporter: Reporter) -> "Run":
     """Run the pipeline on a case and open what it leaves."""
     from wildpuppet.api import open_run
 
-    out, settings = arguments.work / f"{case.name}-{case.kind}", arguments.checked_settings()
+    out, settings = out_of(case, arguments), arguments.checked_settings()
     puppet = case.folder / "puppet"
     if case.kind == "drawings":
         request = Request(case.folder / "frames", out, settings, puppet)
