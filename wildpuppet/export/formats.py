@@ -115,6 +115,14 @@ FORMATS: tuple[Format, ...] = (
         "spine", "Spine 4.2 JSON: meshes with deform keys, bones at the hinges", "Spine, engines with its runtime",
         "exact", "an evaluator of our tests, after the published format", "spine",
     ),
+    Format(
+        "mdd", "MDD point cache with an OBJ", "Blender, LightWave, Modo, Houdini, older Maya and Max", "exact",
+        "struct after the published layout, trimesh", "mdd",
+    ),
+    Format(
+        "pc2", "PC2 point cache with an OBJ", "Blender, 3ds Max, older Maya", "exact",
+        "struct after the published layout, trimesh", "pc2",
+    ),
 )  # fmt: skip
 
 

@@ -8,7 +8,6 @@ import hashlib
 import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +95,6 @@ def _facts(animation: Animation) -> dict[str, Any]:
         "shots_start_at": [int(animation.frames[t]) for t in animation.shot_starts],
         "hidden_frames": [int(number) for number in animation.frames[~animation.is_visible]],
         "held_frames": [
-            int(animation.frames[t]) for t, (a, b) in enumerate(pairwise(animation.pose.tolist()), 1) if a == b
+            int(number) for number, state in zip(animation.frames, animation.state, strict=True) if state == "held"
         ],
     }

@@ -9,7 +9,6 @@ Blender does not: seen from ``CAMERA_DISTANCE`` the layers' gaps shift nothing b
 """
 
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -56,8 +55,8 @@ def time_codes(animation: Animation, first: int) -> list[float]:
 
 def stepped(animation: Animation) -> list[bool]:
     """Tell for each frame whether it begins at once: after a held drawing, a cut, or a lost character."""
-    pose, shot, visible = animation.pose, animation.shot, animation.is_visible
-    held = [False, *(bool(a == b) for a, b in pairwise(pose.tolist()))]
+    shot, visible = animation.shot, animation.is_visible
+    held = [state == "held" for state in animation.state]
     return [
         t > 0 and bool((held[t - 1] and not held[t]) or shot[t] != shot[t - 1] or visible[t] != visible[t - 1])
         for t in range(len(animation))
