@@ -60,7 +60,7 @@ def test_bones_are_the_hinges(world, tree):
         corners = world.vertices(t if t != LOST else LOST - 1)[puppet.joint_vertices[0]]
         if t != LOST:
             middle = np.einsum("kcd,kc->kd", corners, puppet.joint_weights[0]).mean(0)
-            assert np.abs(np.array(frame["bones"]["body-arm"]) - middle).max() < PIXELS
+            assert np.abs(np.array(frame["bones"]["body_to_arm"]) - middle).max() < PIXELS
 
 
 def test_a_held_drawing_is_stepped_and_others_glide(world, tree):

@@ -47,7 +47,7 @@ def test_every_corner_texel_order_and_time_survives(tmp_path, pts):
         if t != LOST:
             corners = world.vertices(t)[puppet.joint_vertices[0]]
             middle = np.einsum("kcd,kc->kd", corners, puppet.joint_weights[0]).mean(0)
-            assert np.abs(read.world("body-arm", time)[:2, 2] - (middle * (1, -1) + (0, height))).max() < PIXELS
+            assert np.abs(read.world("body_to_arm", time)[:2, 2] - (middle * (1, -1) + (0, height))).max() < PIXELS
 
 
 def test_held_drawings_and_cuts_are_stepped(tmp_path):

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from wildpuppet.export.animation import Animation
+from wildpuppet.export.pieces import joint_names, joint_places
 
 
 class Key(NamedTuple):
@@ -72,17 +73,9 @@ class Joint(NamedTuple):
 def joints(animation: Animation) -> list[Joint]:
     """Give every hinge, midway between its two points, named after its parts."""
     puppet = animation.puppet
-    found = []
-    for pair, corners, weights in zip(puppet.joint_layers, puppet.joint_vertices, puppet.joint_weights, strict=True):
-        share = weights / 2.0
-        found.append(
-            Joint(
-                "-".join(puppet.names[layer] for layer in pair),
-                np.einsum("kcd,kc->d", puppet.vertices[corners], share),
-                np.einsum("tkcd,kc->td", animation.vertices_crop[:, corners].astype(np.float64), share),
-            )
-        )
-    return found
+    rest = joint_places(puppet, puppet.vertices.astype(np.float64))
+    every = np.stack([joint_places(puppet, vertices.astype(np.float64)) for vertices in animation.vertices_crop])
+    return [Joint(name, rest[j], every[:, j]) for j, name in enumerate(joint_names(puppet))]
 
 
 def unique(names: Sequence[str], taken: Sequence[str] = ()) -> list[str]:

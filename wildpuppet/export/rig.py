@@ -1,12 +1,17 @@
 """A puppet's parts as game rigs want them: each a mesh of its own with texture coordinates of its own window."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from wildpuppet.export.animation import Animation
+from wildpuppet.export.json_stream import DECIMALS
+from wildpuppet.export.manifest import PositionError, position_error
 from wildpuppet.export.naming import printable
 from wildpuppet.export.sprites import Window, atlas_window
+from wildpuppet.geometry.affine import apply
 from wildpuppet.geometry.topology import boundary_edges
 from wildpuppet.types import Puppet
 
@@ -64,3 +69,17 @@ def loops(edges: Int[np.ndarray, "b 2"]) -> list[list[int]]:
                 del following[loop[-2]]
         found.append(list(dict.fromkeys(loop)))
     return sorted(found, key=len, reverse=True)
+
+
+def written_error(animation: Animation) -> PositionError:
+    """Measure what rounding takes from a rig: corners to 4 decimals in the window, the window to 4 and 7."""
+    rest = np.round(animation.puppet.vertices.astype(np.float64), DECIMALS)
+
+    def distances() -> Iterator[Float[np.ndarray, "V"]]:
+        for frame in animation:
+            window = animation.video_from_crop[frame.t]
+            kept = np.column_stack([np.round(window[:, :2], 7), np.round(window[:, 2], DECIMALS)])
+            moved = animation.vertices_crop[frame.t].astype(np.float64) - animation.puppet.vertices
+            yield np.linalg.norm(apply(kept, rest + np.round(moved, DECIMALS)) - frame.vertices, axis=1)
+
+    return position_error(distances(), "the numbers as written")

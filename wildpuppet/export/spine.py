@@ -22,7 +22,7 @@ from wildpuppet.export.keys import Joint, Key, Segment, joints, keys, shown_pose
 from wildpuppet.export.manifest import Manifest
 from wildpuppet.export.naming import file_names
 from wildpuppet.export.options import Options
-from wildpuppet.export.rig import MeshPart, loops, mesh_parts
+from wildpuppet.export.rig import MeshPart, loops, mesh_parts, written_error
 from wildpuppet.machine import Progress
 
 VERSION = "4.2.43"
@@ -40,7 +40,8 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
         write_json(file, _skeleton(animation, parts, progress))
     holed = [part.name for part in parts if len(loops(part.edges)) > 1]
     left_out = [f"outlines of holes and islands, in the editor: {', '.join(holed)}"] if holed else []
-    return Manifest("bottom left corner of the picture", "x right, y up, pixels", 0, 1.0, tuple(left_out))
+    error = written_error(animation)
+    return Manifest("bottom left corner of the picture", "x right, y up, pixels", 0, 1.0, tuple(left_out), error)
 
 
 def _hull_first(part: MeshPart) -> MeshPart:
