@@ -123,6 +123,10 @@ FORMATS: tuple[Format, ...] = (
         "pc2", "PC2 point cache with an OBJ", "Blender, 3ds Max, older Maya", "exact",
         "struct after the published layout, trimesh", "pc2",
     ),
+    Format(
+        "otio", "OpenTimelineIO: a clip per shot", "Resolve, Premiere and others through OTIO", "pictures",
+        "OpenTimelineIO", "otio",
+    ),
 )  # fmt: skip
 
 
