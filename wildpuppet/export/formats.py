@@ -88,7 +88,7 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         "glb", "glTF 2.0: a mesh per part, a morph target per drawing", "three.js and browsers, game engines, Blender",
-        "exact", "pygltflib; Khronos's glTF validator", "glb",
+        "exact", "pygltflib; Khronos's validator and three.js (node)", "glb",
     ),
     Format(
         "psd", "one layered picture: a layer per part", "Photoshop, Krita, Clip Studio, Affinity", "pictures",
