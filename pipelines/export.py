@@ -47,6 +47,8 @@ def main(arguments: Arguments) -> None:
         raise SettingsError(f"--units-per-pixel {arguments.units_per_pixel:g}: expected a number above 0")
     if arguments.first_frame is not None and arguments.first_frame < 0:
         raise SettingsError(f"--first-frame {arguments.first_frame}: expected 0 or more")
+    if arguments.first_frame is not None and arguments.first_frame < 0:
+        raise SettingsError(f"--first-frame {arguments.first_frame}: expected 0 or more; files are numbered by it")
     formats = formats_of(arguments.to)
     for each in formats:
         each.writer()
