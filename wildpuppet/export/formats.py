@@ -91,6 +91,10 @@ FORMATS: tuple[Format, ...] = (
         "exact", "pygltflib; Khronos's validator and three.js (node)", "glb",
     ),
     Format(
+        "exr", "OpenEXR: ST maps, motion vectors, Cryptomatte, mattes", "Nuke, Fusion, Blender, After Effects, Natron",
+        "pictures", "OpenEXR, OpenCV", "exr", "exr", ("OpenEXR",),
+    ),
+    Format(
         "psd", "one layered picture: a layer per part", "Photoshop, Krita, Clip Studio, Affinity", "pictures",
         "psd-tools, Pillow", "psd",
     ),
@@ -122,6 +126,10 @@ FORMATS: tuple[Format, ...] = (
     Format(
         "pc2", "PC2 point cache with an OBJ", "Blender, 3ds Max, older Maya", "exact",
         "struct after the published layout, trimesh", "pc2",
+    ),
+    Format(
+        "aftereffects", "After Effects script: parts as layers, outlines as masks, hinges as nulls", "After Effects",
+        "exact", f"{NOT_VERIFIED}; ES3 parsers, and node with After Effects' objects imitated", "aftereffects",
     ),
     Format(
         "otio", "OpenTimelineIO: a clip per shot", "Resolve, Premiere and others through OTIO", "pictures",

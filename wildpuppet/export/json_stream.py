@@ -15,23 +15,27 @@ DECIMALS = 4
 Json = Mapping[str, Any] | Iterator[Any] | list[Any] | tuple[Any, ...] | np.ndarray | str | float | bool | None
 
 
-def write_json(file: TextIO, value: Json) -> None:
-    """Write ``value``; raises ValueError for numbers that are not finite, which JSON does not have."""
+def write_json(file: TextIO, value: Json, is_ascii: bool = False) -> None:
+    """Write ``value``, letters beyond ASCII as they are or escaped.
+
+    Raises ValueError for numbers that are not finite, which JSON does not have.
+    """
     if isinstance(value, Mapping):
-        _enclosed(file, "{}", ((json.dumps(name, ensure_ascii=False) + ":", item) for name, item in value.items()))
+        labelled = ((json.dumps(name, ensure_ascii=is_ascii) + ":", item) for name, item in value.items())
+        _enclosed(file, "{}", labelled, is_ascii)
     elif isinstance(value, Iterator | list | tuple):
-        _enclosed(file, "[]", (("", item) for item in value))
+        _enclosed(file, "[]", (("", item) for item in value), is_ascii)
     elif isinstance(value, np.ndarray):
         file.write(numbers(value))
     else:
-        file.write(json.dumps(value, ensure_ascii=False, allow_nan=False))
+        file.write(json.dumps(value, ensure_ascii=is_ascii, allow_nan=False))
 
 
-def _enclosed(file: TextIO, brackets: str, items: Iterator[tuple[str, Any]]) -> None:
+def _enclosed(file: TextIO, brackets: str, items: Iterator[tuple[str, Any]], is_ascii: bool) -> None:
     file.write(brackets[0])
     for place, (label, item) in enumerate(items):
         file.write(("," if place else "") + label)
-        write_json(file, item)
+        write_json(file, item, is_ascii)
     file.write(brackets[1])
 
 
