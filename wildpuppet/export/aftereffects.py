@@ -97,7 +97,8 @@ SCRIPT = """
         for (i = 0; i < JOINTS.length; i++) {
             helper = comp.layers.addNull(comp.duration);
             helper.name = JOINTS[i].name;
-            setKeys(helper.property("ADBE Transform Group").property("ADBE Position"), JOINTS[i].keys, JOINTS[i].points);
+            setKeys(helper.property("ADBE Transform Group").property("ADBE Position"),
+                JOINTS[i].keys, JOINTS[i].points);
         }
         if (comp.markerProperty) {
             for (i = 0; i < SHOTS.length; i++) {
