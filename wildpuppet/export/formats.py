@@ -132,6 +132,10 @@ FORMATS: tuple[Format, ...] = (
         "exact", f"{NOT_VERIFIED}; ES3 parsers, and node with After Effects' objects imitated", "aftereffects",
     ),
     Format(
+        "nuke", "Nuke script: hinges as tracks, a corner pin per part, STMap set-up", "Nuke", "approximate",
+        f"{NOT_VERIFIED}; Tcl, with Nuke's nodes imitated", "nuke",
+    ),
+    Format(
         "otio", "OpenTimelineIO: a clip per shot", "Resolve, Premiere and others through OTIO", "pictures",
         "OpenTimelineIO", "otio",
     ),
