@@ -1,19 +1,24 @@
 """From crops and a puppet to a fit: place, search, choose, fit. Long stages go in chunks that are kept one by one."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from wildpuppet import stages
-from wildpuppet.store import Kept, given
-from wildpuppet.types import Crops, Fit, Hypotheses, Poses, Puppet
+from wildpuppet.store import Kept, digest_of, given
+from wildpuppet.types import Crops, Fit, Hypotheses, Keyframe, Poses, Puppet
 
 from .keeper import Keeper
 
 CHUNK = 16
 """Frames per kept chunk: what a killed run can lose of a long stage."""
+
+
+Keyframes = Mapping[int, Kept[Keyframe]]
+"""What a person fixed, by the frame's index."""
+NO_KEYFRAMES: Keyframes = {}
 
 
 @dataclass(frozen=True)
@@ -34,23 +39,32 @@ class Frames:
         return [walk for walk in walks if walk]
 
 
-def fit_frames(keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops], frames: Frames) -> Kept[Fit]:
+def fit_frames(
+    keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops], frames: Frames, keyframes: Keyframes = NO_KEYFRAMES
+) -> Kept[Fit]:
     """Fit the puppet to every frame."""
     placement = keeper.keep(stages.PLACE, puppet=puppet, crops=crops)
-    poses = find_poses(keeper, puppet, crops, placement, frames)
+    poses = find_poses(keeper, puppet, crops, placement, frames, keyframes)
     if keeper.settings.fit.method == "network":
         training = [index for index in range(frames.number) if index not in set(frames.test)]
         return keeper.keep(stages.TRAIN, puppet=puppet, crops=crops, poses=poses, frames=given(training))
-    return descend(keeper, puppet, crops, poses, frames)
+    return descend(keeper, puppet, crops, poses, frames, keyframes)
 
 
 def find_poses(
-    keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops], placement: Kept[Any], frames: Frames
+    keeper: Keeper,
+    puppet: Kept[Puppet],
+    crops: Kept[Crops],
+    placement: Kept[Any],
+    frames: Frames,
+    keyframes: Keyframes = NO_KEYFRAMES,
 ) -> Kept[Poses]:
     """Search every frame's pose and choose over time; with the search off, the placed rest pose everywhere."""
     if not keeper.settings.search.enabled:
         return keeper.keep(stages.REST, puppet=puppet, crops=crops, placement=placement)
     hypotheses = search(keeper, puppet, crops, placement, frames)
+    if keyframes:
+        hypotheses = follow_keyframes(keeper, puppet, crops, hypotheses, keyframes)
     return keeper.keep(stages.CHOOSE, puppet=puppet, crops=crops, hypotheses=hypotheses)
 
 
@@ -75,6 +89,22 @@ def search(
         return keeper.keep(stages.SEARCH, weight=0.0, parts=parts, frames=given(order))
 
 
+def follow_keyframes(
+    keeper: Keeper,
+    puppet: Kept[Puppet],
+    crops: Kept[Crops],
+    hypotheses: Kept[Hypotheses],
+    keyframes: Keyframes,
+) -> Kept[Hypotheses]:
+    """Let the keyframes' poses stand alone in their frames, and beside what was found in the frames around them."""
+    with keeper.step(stages.KEYFRAMES.name, len(keyframes)):
+        parts = [
+            keeper.keep(stages.KEYFRAMES_PART, puppet=puppet, crops=crops, hypotheses=hypotheses, keyframe=keyframe)
+            for keyframe in keyframes.values()
+        ]
+        return keeper.keep(stages.KEYFRAMES, weight=0.0, hypotheses=hypotheses, parts=parts)
+
+
 def _size_of(placement: Any) -> float:
     from wildpuppet.pose.place import size_of
 
@@ -87,17 +117,41 @@ def _size_after(hypotheses: Hypotheses) -> float:
     return size_after(hypotheses)
 
 
-def descend(keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops], poses: Kept[Poses], frames: Frames) -> Kept[Fit]:
-    """Descend chunk by chunk, each of whole held drawings, then join."""
+def descend(
+    keeper: Keeper,
+    puppet: Kept[Puppet],
+    crops: Kept[Crops],
+    poses: Kept[Poses],
+    frames: Frames,
+    keyframes: Keyframes = NO_KEYFRAMES,
+) -> Kept[Fit]:
+    """Descend chunk by chunk, each of whole held drawings, then join; a chunk is known by its own frames' poses."""
     from wildpuppet.fit.spans import spans_of
 
     parts: list[Kept[Any]] = []
     with keeper.step(stages.FIT.name, frames.number):
         for span in spans_of(crops.value.drawing, CHUNK):
             indices, weight = given(span, [span.start, span.stop]), span.stop - span.start
-            part = keeper.keep(stages.FIT_PART, weight=weight, puppet=puppet, crops=crops, poses=poses, frames=indices)
-            parts.append(part)
+            fixed = [keyframe for index, keyframe in keyframes.items() if span.start <= index < span.stop]
+            inputs: dict[str, Kept[Any]] = {
+                "puppet": puppet,
+                "crops": crops,
+                "poses": poses_in(poses, span),
+                "frames": indices,
+            }
+            if fixed:
+                parts.append(keeper.keep(stages.FIT_KEYED, weight=weight, **inputs, keyframes=fixed))
+            else:
+                parts.append(keeper.keep(stages.FIT_PART, weight=weight, **inputs))
         return keeper.keep(stages.FIT, weight=0.0, parts=parts)
+
+
+def poses_in(poses: Kept[Poses], span: slice) -> Kept[Poses]:
+    """Know the poses by those of ``span``: where others change, its fit stays."""
+    if poses.digest is None:
+        return poses
+    arrays = [np.ascontiguousarray(getattr(poses.value, name)[span]) for name in ("crop_from_canvas", "order")]
+    return given(poses.value, digest_of([[str(array.dtype), array.shape, array.tobytes().hex()] for array in arrays]))
 
 
 def _chunks(indices: list[int]) -> Iterator[list[int]]:

@@ -27,15 +27,20 @@ class Request:
     start: int = 0
     end: int | None = None
     test_share: float = 0.0
+    keyframes: tuple[tuple[int, Path], ...] = ()
+    """Frames and the files that say what is fixed in them."""
 
     def plain(self) -> dict[str, Any]:
         """Write it as plain values for run.json; ``out`` is left out, because a run can be moved."""
-        tree = {
+        tree: dict[str, Any] = {
             "source": str(self.source.absolute()),
             "puppet": None if self.puppet is None else str(self.puppet.absolute()),
             "settings": msgspec.to_builtins(self.settings),
         }
-        return {**tree, **{name: getattr(self, name) for name in ("box_video", "at", "start", "end", "test_share")}}
+        tree |= {name: getattr(self, name) for name in ("box_video", "at", "start", "end", "test_share")}
+        if self.keyframes:
+            tree["keyframes"] = [[frame, str(path.absolute())] for frame, path in self.keyframes]
+        return tree
 
     @property
     def note_name(self) -> str:
@@ -49,6 +54,7 @@ def request_from(tree: Mapping[str, Any], out: Path) -> Request:
     values |= {"source": Path(values["source"]), "settings": settings_from(values["settings"])}
     values["puppet"] = None if values["puppet"] is None else Path(values["puppet"])
     values["box_video"] = None if values["box_video"] is None else tuple(values["box_video"])
+    values["keyframes"] = tuple((frame, Path(path)) for frame, path in values.get("keyframes", ()))
     return Request(out=out, **values)
 
 

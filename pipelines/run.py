@@ -10,6 +10,7 @@ import tyro
 from wildpuppet.machine import Device
 
 from .arguments import value_of
+from .keyframes import keyframes_from
 from .presets import merged, read_preset
 from .reporter import Reporter, Silent, terminal
 from .request import Request, check_box
@@ -36,6 +37,9 @@ class Arguments(Options):
     """End of the range; this frame is not in it. The clip's end when left out."""
     puppet: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Puppet folder; left out, one is made from frame --at and written to OUT/puppet."""
+    keyframe: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="FRAME:FILE")] = ()
+    """What is to stay fixed in a frame: a csv of part,canvas_x,canvas_y,x,y (points at rest and where they are in the
+    video) or an npz with vertices_video (V,2). Give one for each such frame."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder for the results; out/NAME of the clip when left out."""
 
@@ -65,6 +69,7 @@ def _request(arguments: Arguments) -> Request:
         at=arguments.at,
         start=arguments.start,
         end=arguments.end,
+        keyframes=keyframes_from(arguments.keyframe),
     )
 
 
@@ -76,6 +81,7 @@ def run(
     start: int = 0,
     end: int | None = None,
     puppet: str | Path | None = None,
+    keyframes: Mapping[int, str | Path] | None = None,
     out: str | Path | None = None,
     config: str = "",
     settings: Mapping[str, Mapping[str, Any]] | None = None,
@@ -86,8 +92,8 @@ def run(
 ) -> "Run":
     """Do what `wildpuppet run` does and open the result.
 
-    ``settings`` is {"fit": {"steps": 200}, ...}, laid over the preset ``config``. Raises a WildPuppetError that says
-    in one line what to mend.
+    ``settings`` is {"fit": {"steps": 200}, ...}, laid over the preset ``config``; ``keyframes`` is {frame: file}.
+    Raises a WildPuppetError that says in one line what to mend.
     """
     from wildpuppet.api import open_run
 
@@ -98,6 +104,7 @@ def run(
         start=start,
         end=end,
         puppet=None if puppet is None else Path(puppet),
+        keyframe=tuple(f"{frame}:{path}" for frame, path in (keyframes or {}).items()),
         out=None if out is None else Path(out),
         store=Path(store),
         redo=redo,

@@ -12,6 +12,7 @@ from wildpuppet.types import Clip, Crops, Puppet, Target
 
 from .fit_frames import Frames, fit_frames
 from .keeper import Keeper
+from .keyframes import given_keyframes
 from .outcome import Outcome
 from .request import Request, at_path, given_cutout, given_target, given_video, target_of
 
@@ -23,12 +24,14 @@ def track_video(keeper: Keeper, request: Request) -> Outcome:
     frames_wanted = target_of(request, clip.value)
     target = given_target(frames_wanted)
     puppet = given_puppet(keeper, request.puppet)
+    keyframes = given_keyframes(request, frames_wanted, puppet)
     track = keeper.keep(stages.TRACK, clip=clip, target=target)
     crops = keeper.keep(stages.CROP, clip=clip, track=track, target=target)
     if puppet is None:
         puppet = automatic_puppet(keeper, clip, crops, target, request.out)
+        keyframes = given_keyframes(request, frames_wanted, puppet)
     frames = Frames(frames_wanted.end - frames_wanted.start, frames_wanted.at - frames_wanted.start)
-    fit = fit_frames(keeper, puppet, crops, frames)
+    fit = fit_frames(keeper, puppet, crops, frames, keyframes)
     numbers = keeper.keep(stages.REUSE, crops=crops)
     exposure = keeper.keep(stages.EXPOSURE, clip=clip, crops=crops, fit=fit, numbers=numbers)
     meshes = keeper.keep(stages.MESHES, clip=clip, puppet=puppet, crops=crops, fit=fit)

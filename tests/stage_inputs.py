@@ -17,7 +17,7 @@ from tests.scenes import Scene, make_scene, write_clip
 from wildpuppet.machine import Machine
 from wildpuppet.puppet.build import build
 from wildpuppet.settings import ProbeSettings, PuppetSettings
-from wildpuppet.types import Clip, Crops, Fit, Hypotheses, Poses, Puppet, Target, Track
+from wildpuppet.types import Clip, Crops, Fit, Followed, Hypotheses, Keyframe, Poses, Puppet, Target, Track
 from wildpuppet.video.probe import probe
 
 FRAMES, SIZE, SHIFT = 4, (112, 84), 1.5
@@ -90,6 +90,24 @@ class Drawn:
         return Hypotheses(maps, order, np.linspace(0.3, 0.4, 3 * FRAMES).reshape(FRAMES, 3))
 
     @cached_property
+    def keyframe(self) -> Keyframe:
+        """The right hand, truly placed, in the second frame."""
+        hand = np.array([[46.0, 158.0]])
+        layer = self.scene.layer("right_forearm")
+        triangle = self.puppet.triangles[self.puppet.layer_of_triangle == layer][0]
+        edges = self.puppet.vertices[triangle[1:]] - self.puppet.vertices[triangle[0]]
+        second, third = np.linalg.solve(edges.T, hand[0] - self.puppet.vertices[triangle[0]])
+        weights = np.array([[1 - second - third, second, third]])
+        return Keyframe(1, triangle[None].astype(np.int64), weights, self.scene.truth(hand, layer)[1])
+
+    @cached_property
+    def followed(self) -> Followed:
+        """The second frame's true pose, in the frames around it too."""
+        maps = np.repeat(true_poses(self.scene).crop_from_canvas[1:2], 3, 0)
+        order = np.repeat(self.scene.order[1:2], 3, 0)
+        return Followed(np.arange(3), maps, order, np.array([0.35, 0.2, 0.33]), np.array([False, True, False]))
+
+    @cached_property
     def fit(self) -> Fit:
         vertices = true_vertices(self.scene, self.puppet).astype(np.float32)
         confidence = np.linspace(0.2, 1.0, vertices[..., 0].size, dtype=np.float32).reshape(vertices.shape[:2])
@@ -115,9 +133,12 @@ INPUTS: dict[str, Callable[[Drawn], tuple[Any, ...]]] = {
     "place": lambda drawn: (drawn.puppet, drawn.crops),
     "search.part": lambda drawn: (drawn.puppet, drawn.crops, drawn.placement, 0.3, np.array([1, 2, 3])),
     "search": lambda drawn: (drawn.pieces(drawn.hypotheses, HYPOTHESES), [2, 3, 0, 1]),
+    "keyframes.part": lambda drawn: (drawn.puppet, drawn.crops, drawn.hypotheses, drawn.keyframe),
+    "keyframes": lambda drawn: (drawn.hypotheses, [drawn.followed]),
     "choose": lambda drawn: (drawn.puppet, drawn.crops, drawn.hypotheses),
     "rest": lambda drawn: (drawn.puppet, drawn.crops, drawn.placement),
     "fit.part": lambda drawn: (drawn.puppet, drawn.crops, drawn.poses, slice(0, FRAMES)),
+    "fit.keyed": lambda drawn: (drawn.puppet, drawn.crops, drawn.poses, slice(0, FRAMES), [drawn.keyframe]),
     "fit": lambda drawn: (drawn.pieces(drawn.fit, FIT),),
     "train": lambda drawn: (drawn.puppet, drawn.crops, drawn.poses, [0, 1, 2]),
     "reuse": lambda drawn: (drawn.crops,),

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from wildpuppet.errors import StoreError
-from wildpuppet.types import Clip, Crops, CutOut, Fit, Hypotheses, Images, PointTracks, Poses, Puppet, Track
+from wildpuppet.types import Clip, Crops, CutOut, Fit, Followed, Hypotheses, Images, PointTracks, Poses, Puppet, Track
 
 Arrays = dict[str, np.ndarray]
 
@@ -226,6 +226,7 @@ def _plain(kind: type[Any], name: str) -> tuple[Callable[[Any, Path], None], Cal
 
 save_poses, load_poses = _plain(Poses, "poses")
 save_hypotheses, load_hypotheses = _plain(Hypotheses, "hypotheses")
+save_followed, load_followed = _plain(Followed, "followed")
 save_points, load_points = _plain(PointTracks, "points")
 
 

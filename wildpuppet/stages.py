@@ -26,7 +26,7 @@ from wildpuppet.settings import (
     TrackSettings,
     TrainSettings,
 )
-from wildpuppet.types import Clip, Crops, CutOut, Fit, Hypotheses, Poses, Puppet, Target, Track
+from wildpuppet.types import Clip, Crops, CutOut, Fit, Followed, Hypotheses, Keyframe, Poses, Puppet, Target, Track
 
 T = TypeVar("T")
 
@@ -128,6 +128,25 @@ def _search(parts: list[Hypotheses], frames: list[int], machine: Machine) -> Hyp
 _HYPOTHESES_FIELDS = ("crop_from_canvas", "order", "cost")
 
 
+def _keyframes_part(
+    puppet: Puppet,
+    crops: Crops,
+    hypotheses: Hypotheses,
+    keyframe: Keyframe,
+    settings: SearchSettings,
+    machine: Machine,
+) -> Followed:
+    from wildpuppet.fit.follow import follow
+
+    return follow(puppet, crops, hypotheses, keyframe, settings, machine)
+
+
+def _keyframes(hypotheses: Hypotheses, followed: list[Followed], machine: Machine) -> Hypotheses:
+    from wildpuppet.pose.keyframes import joined
+
+    return joined(hypotheses, followed)
+
+
 def _choose(puppet: Puppet, crops: Crops, hypotheses: Hypotheses, settings: SearchSettings, machine: Machine) -> Poses:
     from wildpuppet.pose.choose import choose
 
@@ -151,6 +170,20 @@ def _fit_part(
     from wildpuppet.fit.fit import fit
 
     return fit(puppet, crops, poses, frames, settings, machine)
+
+
+def _fit_keyed(
+    puppet: Puppet,
+    crops: Crops,
+    poses: Poses,
+    frames: slice,
+    keyframes: list[Keyframe],
+    settings: FitSettings,
+    machine: Machine,
+) -> Fit:
+    from wildpuppet.fit.fit import fit
+
+    return fit(puppet, crops, poses, frames, settings, machine, keyframes)
 
 
 def _fit(parts: list[Fit], machine: Machine) -> Fit:
@@ -234,7 +267,7 @@ def counted(items: Iterable[T], total: int, progress: Progress) -> Iterator[T]:
 
 
 PROBE = Stage("probe", 1, ("probe",), _probe, disk.save_clip, disk.load_clip)
-TRACK = Stage("track", 1, ("track",), _track, disk.save_track, disk.load_track)
+TRACK = Stage("track", 2, ("track",), _track, disk.save_track, disk.load_track)
 CROP = Stage("crop", 1, ("crop",), _crop, disk.save_crops, disk.load_crops)
 DRAWINGS = Stage("drawings", 1, ("crop",), _drawings, disk.save_crops, disk.load_crops)
 AUTOMATIC = Stage("automatic", 1, ("auto",), _automatic, disk.save_cutout, disk.load_cutout)
@@ -242,9 +275,12 @@ PUPPET = Stage("puppet", 1, ("puppet",), _puppet, disk.save_puppet, disk.load_pu
 PLACE = Stage("place", 1, (), _place, disk.save_placement, disk.load_placement)
 SEARCH_PART = Stage("search.part", 1, ("search",), _search_part, disk.save_hypotheses, disk.load_hypotheses)
 SEARCH = Stage("search", 1, (), _search, disk.save_hypotheses, disk.load_hypotheses)
+KEYFRAMES_PART = Stage("keyframes.part", 1, ("search",), _keyframes_part, disk.save_followed, disk.load_followed)
+KEYFRAMES = Stage("keyframes", 1, (), _keyframes, disk.save_hypotheses, disk.load_hypotheses)
 CHOOSE = Stage("choose", 1, ("search",), _choose, disk.save_poses, disk.load_poses)
 REST = Stage("rest", 1, (), _rest, disk.save_poses, disk.load_poses)
 FIT_PART = Stage("fit.part", 2, ("fit",), _fit_part, disk.save_fit, disk.load_fit)
+FIT_KEYED = Stage("fit.keyed", FIT_PART.version, ("fit",), _fit_keyed, disk.save_fit, disk.load_fit)
 FIT = Stage("fit", 1, (), _fit, disk.save_fit, disk.load_fit)
 TRAIN = Stage("train", 1, ("train", "fit"), _train, disk.save_fit, disk.load_fit, has_checkpoint=True)
 REUSE = Stage("reuse", 1, ("crop",), _reuse, disk.save_numbers, disk.load_numbers)
@@ -253,8 +289,8 @@ MESHES = Stage("meshes", 1, ("out",), _meshes, disk.save_files, disk.load_folder
 PREVIEW = Stage("preview", 1, (), _preview, disk.save_files, disk.load_folder)
 
 STAGES = (
-    PROBE, TRACK, CROP, DRAWINGS, AUTOMATIC, PUPPET, PLACE, SEARCH_PART, SEARCH, CHOOSE, REST, FIT_PART, FIT, TRAIN,
-    REUSE, EXPOSURE, MESHES, PREVIEW,
+    PROBE, TRACK, CROP, DRAWINGS, AUTOMATIC, PUPPET, PLACE, SEARCH_PART, SEARCH, KEYFRAMES_PART,
+    KEYFRAMES, CHOOSE, REST, FIT_PART, FIT_KEYED, FIT, TRAIN, REUSE, EXPOSURE, MESHES, PREVIEW,
 )  # fmt: skip
 NAMES = tuple(stage.name for stage in STAGES if "." not in stage.name)
 """What ``--until`` and ``--redo`` take."""

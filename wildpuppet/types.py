@@ -190,6 +190,37 @@ class Hypotheses:
 
 
 @dataclass(frozen=True, eq=False)
+class Keyframe:
+    """What a person fixed in frame ``frame`` of the clip: some points of the puppet, or all of its vertices.
+
+    Point n is the mix ``weights[n]`` of the vertices ``corners[n]``, all of one layer, and stands at
+    ``points_video[n]``. ``order`` lists layers back to front where it was given. There are no points where
+    ``vertices_video`` is given.
+    """
+
+    frame: int
+    corners: Int[np.ndarray, "n 3"]
+    weights: Float[np.ndarray, "n 3"]
+    points_video: Float[np.ndarray, "n 2"]
+    vertices_video: Float[np.ndarray, "V 2"] | None = None
+    order: Int[np.ndarray, "L"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """One keyframe's pose in its own frames (``is_fixed``: those of its drawing) and carried to those around it.
+
+    ``frames`` are indices of crops; ``cost`` is comparable with that of hypotheses.
+    """
+
+    frames: Int[np.ndarray, "n"]
+    crop_from_canvas: Float[np.ndarray, "n L 2 3"]
+    order: Int[np.ndarray, "n L"]
+    cost: Float[np.ndarray, "n"]
+    is_fixed: Bool[np.ndarray, "n"]
+
+
+@dataclass(frozen=True, eq=False)
 class Fit:
     """The puppet in every frame. ``order[t]`` lists layers back to front; ``confidence`` is 0..1 per vertex.
 

@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from wildpuppet.fit import curvature, energy
+from wildpuppet.fit.pins import Pins
 from wildpuppet.fit.target import WHITE, Target, texture_for
 from wildpuppet.geometry.arap import ArapRest, arap_energy_and_gradient, arap_rest, best_scale_of
 from wildpuppet.pose.tree import part_areas
@@ -148,9 +149,14 @@ def _coverage(gain: Float[Tensor, "B H W"], alpha: Float[Tensor, "B H W"]) -> Fl
 
 
 def descend(
-    problem: Problem, vertices: Float[Tensor, "B V 2"], steps: int, bones: curvature.Bones, with_mesh: bool
+    problem: Problem,
+    vertices: Float[Tensor, "B V 2"],
+    steps: int,
+    bones: curvature.Bones,
+    with_mesh: bool,
+    pins: Pins | None = None,
 ) -> Float[Tensor, "B V 2"]:
-    """Take ``steps`` preconditioned steps: bones alone, or bones and mesh together."""
+    """Take ``steps`` preconditioned steps: bones alone, or bones and mesh together. ``pins`` stay where they are."""
     if steps == 0:
         return vertices
     settings = problem.settings
@@ -166,6 +172,8 @@ def descend(
             move = bones.step(vertices, gradient, data_of_vertex, joint_weight, (1 / length).clamp_min(1.0) - 1.0)
         else:
             move = -torch.einsum("vw,bwk->bvk", inverse, gradient)
+        if pins is not None:
+            move = pins.step(move)
         longest = move.norm(dim=-1).amax(1).clamp_min(1e-6)
         limit = (0.04 * max(problem.size) / longest).clamp_max(1.0)
         tried = vertices + (length * limit)[:, None, None] * move

@@ -4,6 +4,8 @@ A held drawing is solved on its first frame; its other frames show the same draw
 moved, so the whole puppet is only shifted, turned and scaled there.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
@@ -12,12 +14,13 @@ from torch import Tensor
 from wildpuppet.fit import curvature
 from wildpuppet.fit.confidence import confidence_of
 from wildpuppet.fit.descent import Problem, descend, energies, make_problem
+from wildpuppet.fit.pins import Pins, pinned_vertices, pins_of
 from wildpuppet.fit.target import target_at
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
 from wildpuppet.pose.place import pose_vertices
 from wildpuppet.settings import FitSettings
-from wildpuppet.types import Crops, Fit, FitState, Poses, Puppet
+from wildpuppet.types import Crops, Fit, FitState, Keyframe, Poses, Puppet
 
 BATCH = 8
 """Frames solved together; a bound on memory."""
@@ -27,13 +30,28 @@ STEADY = 0.97
 """A held frame leaves its place for an energy lower than this share only: a hold must not tremble."""
 
 
-def fit(puppet: Puppet, crops: Crops, poses: Poses, frames: slice, settings: FitSettings, machine: Machine) -> Fit:
-    """Fit the frames ``crops.frames[frames]``; the slice must not split a held drawing (see ``spans_of``)."""
+def fit(
+    puppet: Puppet,
+    crops: Crops,
+    poses: Poses,
+    frames: slice,
+    settings: FitSettings,
+    machine: Machine,
+    keyframes: Sequence[Keyframe] = (),
+) -> Fit:
+    """Fit the frames ``crops.frames[frames]``; the slice must not split a held drawing (see ``spans_of``).
+
+    What ``keyframes`` fix stays where it is in their frames; the other frames of their drawings follow them.
+    """
     torch.set_num_threads(1)  # the kernels have threads of their own; torch's slow small work down on a busy machine
     index = np.arange(*frames.indices(len(crops.frames)))
-    is_first = np.r_[True, np.diff(crops.drawing[index]) != 0]
-    first = np.maximum.accumulate(np.where(is_first, np.arange(len(index)), 0))
+    fixed = {int(i): one for one in keyframes for i in np.flatnonzero(crops.frames[index] == one.frame)}
+    first = _leaders(crops.drawing[index], sorted(fixed))
+    is_first = first == np.arange(len(index))
     vertices = pose_vertices(puppet, poses.crop_from_canvas[index]).astype(np.float32)
+    for i, keyframe in fixed.items():
+        crop_from_video = affine.invert(crops.video_from_crop[index[i]])
+        vertices[i] = pinned_vertices(puppet, keyframe, crop_from_video, vertices[i])
     results: dict[int, tuple[Float[np.ndarray, "V 2"], Float[np.ndarray, "V"], dict[str, float]]] = {}
     done = 0
     for held in (False, True):
@@ -43,7 +61,8 @@ def fit(puppet: Puppet, crops: Crops, poses: Poses, frames: slice, settings: Fit
             if held:
                 posed = np.stack([results[int(i)][0] for i in first[part]])
                 start = _start_of_held(puppet, crops, index[part], index[first[part]], posed, order, settings)
-            solved = _solve(puppet, crops, index[part], start, order, settings, held)
+            pins = pins_of(puppet, [fixed.get(int(i)) for i in part])
+            solved = _solve(puppet, crops, index[part], start, order, settings, held, pins)
             results.update(zip((int(i) for i in part), solved, strict=True))
             done += len(part)
             machine.progress(done, len(index))
@@ -61,6 +80,16 @@ def fit(puppet: Puppet, crops: Crops, poses: Poses, frames: slice, settings: Fit
         ),
         {name: np.array([terms[name] for _, _, terms in ordered]) for name in ordered[0][2]},
     )
+
+
+def _leaders(drawing: Int[np.ndarray, "T"], fixed: list[int]) -> Int[np.ndarray, "T"]:
+    """Say for each frame which one it follows: its drawing's first, or the nearest fixed frame of its drawing."""
+    is_first = np.r_[True, np.diff(drawing) != 0]
+    leaders = np.maximum.accumulate(np.where(is_first, np.arange(len(drawing)), 0))
+    first = leaders.copy()
+    for i in range(len(drawing) if fixed else 0):
+        leaders[i] = min((k for k in fixed if first[k] == first[i]), key=lambda k: abs(k - i), default=first[i])
+    return leaders
 
 
 def join(parts: list[Fit]) -> Fit:
@@ -117,6 +146,7 @@ def _solve(
     order: Int[np.ndarray, "B L"],
     settings: FitSettings,
     held: bool,
+    pins: Pins | None,
 ) -> list[tuple[Float[np.ndarray, "V 2"], Float[np.ndarray, "V"], dict[str, float]]]:
     images = _images(crops, index)
     current = torch.from_numpy(vertices)
@@ -127,8 +157,8 @@ def _solve(
         target = target_at(images, level, settings.matte * settings.robust**2)
         start = current * level
         problem = make_problem(puppet, target, order, start, settings)
-        start = descend(problem, start, round(settings.steps * bone_share), bones, with_mesh=False)
-        start = descend(problem, start, round(settings.steps * mesh_share), bones, with_mesh=not held)
+        start = descend(problem, start, round(settings.steps * bone_share), bones, with_mesh=False, pins=pins)
+        start = descend(problem, start, round(settings.steps * mesh_share), bones, with_mesh=not held, pins=pins)
         current = start / level
     assert problem is not None
     if held:
