@@ -9,7 +9,7 @@ held where a drawing is held. The language is ExtendScript, which is ECMAScript 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,9 +19,11 @@ from wildpuppet.export.keys import Key, Segment, joints, keys
 from wildpuppet.export.manifest import Manifest
 from wildpuppet.export.naming import file_names
 from wildpuppet.export.options import Options
-from wildpuppet.export.rig import MeshPart, loops, mesh_parts
 from wildpuppet.geometry.affine import apply
 from wildpuppet.machine import Progress
+
+if TYPE_CHECKING:
+    from wildpuppet.export.outlines import Outline
 
 SCRIPT = """
     function at(frame) {
@@ -153,21 +155,21 @@ def _data(animation: Animation, pictures: Sequence[str]) -> dict[str, Any]:
 
 def _stacks(animation: Animation) -> Iterator[dict[str, Any]]:
     """Give the spans of one order each, their layers back to front."""
-    parts = mesh_parts(animation.puppet)
+    from wildpuppet.export.outlines import outlines
+
+    edges = [outlines(animation.puppet, layer) for layer in range(animation.puppet.num_layers)]
     for start, end in pairwise([*animation.order_changes, len(animation)]):
-        order = animation.order[start].tolist()
+        every = _keys(animation, Segment("", start, end))
         layers = (
-            {"part": layer, "outlines": _outlines(animation, parts[layer], Segment("", start, end))} for layer in order
+            {"part": layer, "outlines": (_mask(animation, outline, every) for outline in edges[layer])}
+            for layer in animation.order[start].tolist()
         )
         yield {"start": start, "end": end, "layers": layers}
 
 
-def _outlines(animation: Animation, part: MeshPart, span: Segment) -> Iterator[dict[str, Any]]:
-    every = _keys(animation, span)
-    for loop in loops(part.edges):
-        corners = part.corners[loop]
-        places = (apply(animation.video_from_crop[key.at], animation.vertices_crop[key.at][corners]) for key in every)
-        yield {"keys": _steps(every), "points": places}
+def _mask(animation: Animation, outline: "Outline", every: Sequence[Key]) -> dict[str, Any]:
+    places = (apply(animation.video_from_crop[key.at], outline.at(animation.vertices_crop[key.at])) for key in every)
+    return {"keys": _steps(every), "points": places}
 
 
 def _keys(animation: Animation, span: Segment) -> list[Key]:
