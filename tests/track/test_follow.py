@@ -65,6 +65,32 @@ def test_what_leaves_is_lost_and_found_when_it_comes_back(tmp_path):
     assert found.score[outside].max() < 0.35
 
 
+def test_what_leaves_from_where_it_stood_and_comes_back_there_is_not_seen_in_the_background(tmp_path):
+    x = np.r_[np.linspace(60, -40, 8), np.full(8, -40.0), np.linspace(-40, 60, 8)]
+    drawn = draw_clip(tmp_path / "clip.mp4", np.stack([x, np.full(24, 100.0)], 1))
+    found, shared = followed(drawn, 1)
+    assert {found.state[t] for t in np.flatnonzero(x < -30)} == {"lost"}
+    assert {found.state[t] for t in np.flatnonzero(x > 10)} <= {"followed", "found"}
+    assert shared[x > 30].min() > 0.6
+
+
+def test_a_short_absence_from_the_picture_is_not_bridged(tmp_path):
+    x = np.r_[np.linspace(60, -40, 8), np.full(3, -40.0), np.linspace(-40, 60, 8)]
+    drawn = draw_clip(tmp_path / "clip.mp4", np.stack([x, np.full(19, 100.0)], 1))
+    found, _ = followed(drawn, 1)
+    assert {found.state[t] for t in np.flatnonzero(x < -30)} == {"lost"}
+
+
+def test_after_a_cut_the_character_is_followed_in_another_pose_and_size(tmp_path):
+    centres = np.concatenate([line((80, 100), (80, 100), 8), line((230, 110), (200, 110), 10)])
+    seeds, scales = np.repeat([0, 1], [8, 10]), np.r_[np.ones(8), np.linspace(0.75, 0.6, 10)]
+    drawn = draw_clip(tmp_path / "clip.mp4", centres, scales=scales, seeds=seeds)
+    found, shared = followed(drawn, 2)
+    assert found.state[8] == "found"
+    assert set(found.state[9:]) == {"followed"}
+    assert shared[seeds == 1].min() > 0.5
+
+
 def test_a_short_gap_is_bridged(tmp_path):
     shown = ~np.isin(np.arange(FRAMES), range(14, 19))
     drawn = draw_clip(tmp_path / "clip.mp4", line((80, 100), (200, 100), FRAMES), shown=shown)

@@ -1,6 +1,6 @@
 import numpy as np
 
-from wildpuppet.track.smooth import LONGEST_BRIDGE, bridge, fill, regress, runs_of, smooth
+from wildpuppet.track.smooth import LONGEST_BRIDGE, bridge, fill, regress, runs_of, share_in_picture, smooth
 
 EXACT = 1e-9
 
@@ -37,16 +37,25 @@ def test_nothing_is_smoothed_across_a_cut():
 
 def test_a_short_gap_is_bridged_along_a_line_and_a_long_one_stays_lost():
     short = ["followed"] * 3 + ["lost"] * 4 + ["found"] + ["followed"] * 2
-    state = bridge(short, np.zeros(10, int))
+    state = bridge(short, np.zeros(10, int), np.ones(10))
     assert state == ["followed"] * 3 + ["bridged"] * 4 + ["followed"] * 3
     boxes = boxes_along(np.stack([10.0 * np.arange(10), np.zeros(10)], 1))
     known = boxes.copy()
     known[3:7, :2] = -999.0
     assert np.abs(fill(known, state) - boxes).max() < 1e-6
     long = ["followed", *["lost"] * (LONGEST_BRIDGE + 1), "found"]
-    assert bridge(long, np.zeros(len(long), int)) == long
+    assert bridge(long, np.zeros(len(long), int), np.ones(len(long))) == long
     over_a_cut = ["followed", "lost", "found"]
-    assert bridge(over_a_cut, np.array([0, 0, 1])) == over_a_cut
+    assert bridge(over_a_cut, np.array([0, 0, 1]), np.ones(3)) == over_a_cut
+
+
+def test_a_gap_beside_which_the_character_leaves_the_picture_stays_lost():
+    state = ["followed"] * 3 + ["lost"] * 4 + ["found"] + ["followed"] * 2
+    boxes = boxes_along(np.stack([np.r_[60:-60:-24, -60:60:24], np.full(10, 50.0)], 1).astype(float))
+    share = share_in_picture(boxes, (320, 200))
+    assert share.max() == 1.0
+    assert share[5] == 0.0
+    assert bridge(state, np.zeros(10, int), share) == state
 
 
 def test_runs_end_at_cuts_and_where_the_character_is_lost():

@@ -14,6 +14,7 @@ from wildpuppet.track.trackers import Box
 
 PATCH = 24
 RUNNING_RATE = 0.08
+SURE_COLOURS = 0.5
 
 
 class Appearance:
@@ -29,6 +30,14 @@ class Appearance:
         seen = patch(image, box)
         match = max(correlation(seen, self.reference), correlation(seen, self.running), 0.0)
         return 0.5 * (self.colours.similarity(ellipse_counts(image, box)) + match)
+
+    def start_again(self, image: UInt8[np.ndarray, "h w 3"], box: Box) -> None:
+        """Take the running picture from a box where the character was found, if the colours are surely its own.
+
+        After a cut nothing else of the picture is as it was: pose, size, background.
+        """
+        if self.colours.similarity(ellipse_counts(image, box)) > SURE_COLOURS:
+            self.running = patch(image, box)
 
     def update(self, image: UInt8[np.ndarray, "h w 3"], box: Box) -> None:
         """Let the running picture follow a box that is surely the character."""

@@ -17,7 +17,7 @@ from wildpuppet.track.colours import Colours, colours_of_box
 from wildpuppet.track.evidence import learn_colours
 from wildpuppet.track.follower import Follower, Seen, shifted
 from wildpuppet.track.scene import Scene, region_around
-from wildpuppet.track.smooth import bridge, fill, runs_of, smooth
+from wildpuppet.track.smooth import bridge, fill, runs_of, share_in_picture, smooth
 from wildpuppet.track.survey import samples_per_shot, survey
 from wildpuppet.track.trackers import make_tracker
 from wildpuppet.track.working import Pictures, Working, working_for
@@ -79,7 +79,7 @@ def assemble(clip: Clip, target: Target, settings: TrackSettings, working: Worki
     boxes = np.array([working.box_out(one.box) for one in walked])
     boxes[target.at - target.start] = target.box_video
     found: list[TrackState] = [one.state for one in walked]
-    state = bridge(found, shot)
+    state = bridge(found, shot, share_in_picture(boxes, clip.size))
     boxes = fill(boxes, state)
     boxes = smooth(boxes, runs_of(state, shot), settings.smooth_frames, target.at - target.start)
     score = np.array([one.score for one in walked])

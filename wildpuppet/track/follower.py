@@ -184,10 +184,11 @@ class Follower:
         if score < self.settings.lost_score + FOUND_ABOVE_LOST:
             return Seen(self.box, score, "lost")
         self.is_lost = False
+        self.appearance.start_again(image, box)
+        whole = completed(shifted(box, -self.pad), self.size, (everywhere.width, everywhere.height))
+        box = shifted(whole, self.pad)
         self.start(image, box)
-        left, top, right, bottom = to_sides(shifted(box, -self.pad))
-        is_whole = left > 1 and top > 1 and right < everywhere.width - 1 and bottom < everywhere.height - 1
-        self.size = np.array(box[2:]) if is_whole else np.maximum(self.size, box[2:])
+        self.size = np.array(box[2:])
         self.gray = None
         self.scene.claim(picture, index, shifted(box, -self.pad))
         return Seen(box, score, "found")
@@ -203,6 +204,19 @@ def trackable(box: Box) -> Box:
     x, y, w, h = box
     wide, high = max(w, h / THINNEST, LEAST_SIDE), max(h, w / THINNEST, LEAST_SIDE)
     return x - (wide - w) / 2, y - (high - h) / 2, wide, high
+
+
+def completed(box: Box, size: Float[np.ndarray, "2"], picture: tuple[int, int]) -> Box:
+    """Let a box that ends at one edge of the picture go on beyond it: what comes in shows a part of itself first."""
+    sides = to_sides(box)
+    for axis in (0, 1):
+        at_start, at_end = sides[axis] <= 1, sides[axis + 2] >= picture[axis] - 1
+        if at_start and not at_end:
+            sides[axis] = min(sides[axis], sides[axis + 2] - size[axis])
+        elif at_end and not at_start:
+            sides[axis + 2] = max(sides[axis + 2], sides[axis] + size[axis])
+    left, top, right, bottom = (float(side) for side in sides)
+    return left, top, right - left, bottom - top
 
 
 def kept_inside(box: Box, shape: tuple[int, ...]) -> Box:

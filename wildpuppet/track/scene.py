@@ -27,6 +27,9 @@ LEAST_COUNT, MOST_SPREAD = 3, 14
 # The plate shows background inside a claimed box when what differs elsewhere is, in a quarter of the pictures, this
 # large beside what differs in the box, and has its colours rather than the plate's by at least so much (Bhattacharyya).
 LEAST_AREA, LEAST_MORE_ALIKE = 0.4, 0.12
+# It does too when it differs from the picture on at least this share of the box, and is there more like what is around
+# the box than the picture is, by as much: then the character has gone from there.
+LEAST_GONE = 0.2
 # The plate shows the character when what does not differ in the box has its colours, with log-odds above this, on an
 # area of at least this share of what differs.
 HELD_COLOUR, MOST_HELD = 0.7, 0.55
@@ -110,7 +113,8 @@ class Scene:
         trust[inside_view & (trust > 0)] = DOUBTFUL
         drawn, behind = moved[inside_view & changed], self.background[shot][inside_view & changed]
         is_held = holds_character(drawn, moved[inside_view & ~changed], moved[outside])
-        if not is_held and self.walks_about(shot, drawn, behind):
+        is_gone = len(drawn) > LEAST_GONE * inside_view.sum() and continues(behind, moved[outside], drawn)
+        if not is_held and (is_gone or self.walks_about(shot, drawn, behind)):
             trust[inside_view] = TRUSTED
             self.settled.add(shot)
 
@@ -137,11 +141,7 @@ class Scene:
         if len(drawn) == 0 or np.percentile(areas, 75) < LEAST_AREA * len(drawn):
             return False
         elsewhere = normalised(counts)
-        alike = [
-            float(np.sqrt(elsewhere * normalised(counted(part[None], np.ones((1, len(part)))))).sum())
-            for part in (drawn, behind)
-        ]
-        return alike[0] > alike[1] + LEAST_MORE_ALIKE
+        return alike(elsewhere, drawn) > alike(elsewhere, behind) + LEAST_MORE_ALIKE
 
     def plate_from_frame(self, index: int) -> Float[np.ndarray, "2 3"]:
         """Return the map from frame ``index`` to its shot's plate."""
@@ -176,6 +176,21 @@ class Scene:
         if seen.sum() > 100:
             typical = 1.48 * float(np.median(difference[seen][::5]))
             self.noise = 0.8 * self.noise + 0.2 * max(LEAST_NOISE, typical)
+
+
+def continues(
+    behind: UInt8[np.ndarray, "n 3"], around: UInt8[np.ndarray, "k 3"], drawn: UInt8[np.ndarray, "n 3"]
+) -> bool:
+    """Say whether the colours ``behind`` are more like those ``around`` than ``drawn`` are: background."""
+    if len(around) == 0 or len(drawn) == 0:
+        return False
+    known = normalised(counted(around[None], np.ones((1, len(around)))))
+    return alike(known, behind) > alike(known, drawn) + LEAST_MORE_ALIKE
+
+
+def alike(known: Float[np.ndarray, " bins"], part: UInt8[np.ndarray, "n 3"]) -> float:
+    """Compare shares of colours with a part's, 0 to 1 (Bhattacharyya)."""
+    return float(np.sqrt(known * normalised(counted(part[None], np.ones((1, len(part)))))).sum())
 
 
 def holds_character(

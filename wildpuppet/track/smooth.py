@@ -14,19 +14,31 @@ from wildpuppet.types import TrackState
 
 # A gap this long or shorter is interpolated and called bridged; about a third of a second.
 LONGEST_BRIDGE = 8
+# Unless less than this share of a box beside the gap was in the picture: then the character was out of it.
+LEAST_IN_PICTURE = 0.8
 # The user's box weighs this much more than a tracked one.
 REFERENCE_WEIGHT = 30.0
 
 
-def bridge(state: list[TrackState], shot: Int[np.ndarray, " T"]) -> list[TrackState]:
-    """Call short lost gaps inside a shot, seen on both sides, bridged."""
+def bridge(
+    state: list[TrackState], shot: Int[np.ndarray, " T"], in_picture: Float[np.ndarray, " T"]
+) -> list[TrackState]:
+    """Call short lost gaps inside a shot, seen on both sides, bridged; ``in_picture`` is the share of each box."""
     result = list(state)
     seen = [t for t, value in enumerate(state) if value != "lost"]
     for before, after in pairwise(seen):
-        if 1 < after - before <= LONGEST_BRIDGE + 1 and shot[before] == shot[after]:
+        is_short = 1 < after - before <= LONGEST_BRIDGE + 1 and shot[before] == shot[after]
+        if is_short and min(in_picture[before], in_picture[after]) > LEAST_IN_PICTURE:
             result[before + 1 : after] = ["bridged"] * (after - before - 1)
             result[after] = "followed"
     return result
+
+
+def share_in_picture(boxes: Float[np.ndarray, "T 4"], size: tuple[int, int]) -> Float[np.ndarray, " T"]:
+    """How much of each box lies in a picture of this size, 0 to 1."""
+    low, high = np.maximum(boxes[:, :2], 0.0), np.minimum(boxes[:, :2] + boxes[:, 2:], size)
+    inside: np.ndarray = np.maximum(high - low, 0.0).prod(1) / np.maximum(boxes[:, 2:].prod(1), 1e-9)
+    return inside
 
 
 def fill(boxes: Float[np.ndarray, "T 4"], state: list[TrackState]) -> Float[np.ndarray, "T 4"]:
