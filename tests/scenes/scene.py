@@ -39,11 +39,16 @@ class Scene:
         """Whether canvas points of a part are in the picture and behind no other part: (T, N)."""
         points, (height, width) = self.truth(points_canvas, layer), self.frames.shape[1:3]
         seen = ((points >= 0) & (points < (width, height))).all(-1)
-        for frame, order in enumerate(self.order):
-            for above in order[list(order).index(layer) + 1 :]:
-                back = mapped(inverse(self.video_from_canvas[frame, above]), points[frame])
-                seen[frame] &= ~self._covers(above, back)
+        rank = np.argsort(self.order, axis=1)
+        for other in range(len(self.cutout.parts)):
+            is_above = rank[:, other] > rank[:, layer]
+            seen[is_above] &= ~self.shared(points_canvas, layer, other)[is_above]
         return seen
+
+    def shared(self, points_canvas: np.ndarray, layer: int, other: int) -> np.ndarray:
+        """Whether canvas points of a part lie where another part's drawing is too, above it or below: (T, N)."""
+        points, maps = self.truth(points_canvas, layer), self.video_from_canvas[:, other]
+        return np.stack([self._covers(other, mapped(inverse(maps[t]), points[t])) for t in range(len(points))])
 
     def points_of(self, layer: int, spacing: int = 6) -> np.ndarray:
         """A grid of canvas points on a part, away from its edge: (N, 2)."""

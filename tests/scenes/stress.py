@@ -80,7 +80,7 @@ def shares(frames: int) -> np.ndarray:
     return np.arange(frames) / max(frames - 1, 1)
 
 
-def strides(frames: int, cycles: float = 1.0) -> list[Degrees]:
+def strides(frames: int, cycles: float = 0.75) -> list[Degrees]:
     return [stride(2 * np.pi * cycles * share) for share in shares(frames)]
 
 
@@ -121,7 +121,7 @@ def poses(
 def crossing(name: str, frames: int, size: Size, seed: int) -> StressClip:
     degrees = []
     for share in shares(frames):
-        rise = there_and_back(share)
+        rise = there_and_back(share / 2)
         legs = {"right_leg": -18 + 40 * rise, "left_leg": 18 - 40 * rise}
         arms = {"right_arm": -45 - 155 * rise, "left_arm": 45 + 155 * rise}
         degrees.append({**standing(0.0), **legs, **arms})
@@ -130,7 +130,8 @@ def crossing(name: str, frames: int, size: Size, seed: int) -> StressClip:
 
 def order(name: str, frames: int, size: Size, seed: int) -> StressClip:
     degrees = [
-        {**standing(np.sin(6 * share)), "right_arm": 58 - 125 * there_and_back(share)} for share in shares(frames)
+        {**standing(np.sin(6 * share)), "right_arm": 58 - 125 * there_and_back(share), "left_arm": 112}
+        for share in shares(frames)
     ]
     front = list(range(len(NAMES)))
     arm = NAMES.index("right_arm")
@@ -168,10 +169,10 @@ def cut(name: str, frames: int, size: Size, seed: int) -> StressClip:
 
 def twos_and_threes(name: str, frames: int, size: Size, seed: int) -> StressClip:
     held = np.repeat(np.arange(frames), np.resize(EXPOSURE, frames))[:frames]
-    degrees = [stride(2 * np.pi * 1.0 * number / held[-1]) for number in held]
+    degrees = [stride(2 * np.pi * 0.75 * number / held[-1]) for number in held]
     cameras = np.stack([camera_at("still", 0.0, size)] * frames)
     cameras[:, 0, 2] = -0.3 * size[0] * (shares(frames) - 0.5)
-    return StressClip(name, film(degrees, size, seed, camera=cameras, drawing=held).draw(), 0)
+    return StressClip(name, film(degrees, size, seed, camera=cameras, drawing=held).draw(), 5)
 
 
 def smear(name: str, frames: int, size: Size, seed: int) -> StressClip:
@@ -213,14 +214,14 @@ def figure_colours(figure: Figure) -> np.ndarray:
 def leaving(name: str, frames: int, size: Size, seed: int) -> StressClip:
     """Out to the left in the first half, back from there in the second; gone for a quarter of the clip."""
     there = np.clip(1.35 * (1.0 - np.abs(2 * shares(frames) - 1.0)) - 0.1, 0.0, 1.0)
-    return StressClip(name, film(strides(frames, 1.5), size, seed, x=0.36 - 0.56 * there).draw(), 1)
+    return StressClip(name, film(strides(frames, 1.25), size, seed, x=0.36 - 0.56 * there).draw(), 3)
 
 
 def twins(name: str, frames: int, size: Size, seed: int) -> StressClip:
     """The first passes in front of the second, from left to right."""
     across = 0.27 + 0.46 * shares(frames)
     other = poses([stride(2.0 - 2 * np.pi * share) for share in shares(frames)], size, 1.0 - across)
-    return StressClip(name, film(strides(frames), size, seed, x=across, double=other).draw(), 1)
+    return StressClip(name, film(strides(frames), size, seed, x=across, double=other).draw(), 3)
 
 
 def line_boil(name: str, frames: int, size: Size, seed: int) -> StressClip:
@@ -231,14 +232,18 @@ def line_boil(name: str, frames: int, size: Size, seed: int) -> StressClip:
         return figure.boiled(np.random.default_rng([seed, int(held[t])]), BOIL)
 
     degrees = [stride(2 * np.pi * 0.75 * t / frames) for t in held]
-    return StressClip(name, film(degrees, size, seed, drawing=held, art=art).draw(), 2)
+    return StressClip(name, film(degrees, size, seed, drawing=held, art=art).draw(), 4)
 
 
 def colour_change(name: str, frames: int, size: Size, seed: int) -> StressClip:
     """Day turns to a blue dusk; the doll darkens more than what is behind it."""
     dusk = np.array([[0.66, 0.68, 0.85], [0.55, 0.6, 0.8]])
     light = 1.0 + shares(frames)[:, None, None] * (dusk - 1.0)
-    return StressClip(name, film(strides(frames), size, seed, light=light).draw(), 1)
+    return StressClip(name, film(strides(frames), size, seed, light=light).draw(), 3)
+
+
+def narrow(name: str, frames: int, size: Size, seed: int) -> StressClip:
+    return StressClip(name, film(strides(frames, 0.35), size, seed).draw(), 0)
 
 
 @dataclass(frozen=True)
@@ -251,17 +256,18 @@ class Stress:
 
 
 STRESS = {
-    "crossing": Stress("arms and legs that look alike cross", 16, crossing),
-    "order": Stress("an arm in front of the body goes behind it", 16, order),
-    "hidden": Stress("an arm goes behind the body and comes back", 16, hidden),
-    "pan": Stress("the camera goes along with a walk", 16, pan),
-    "zoom": Stress("the camera zooms to twice the size", 16, zoom),
-    "cut": Stress("another place, another size", 16, cut),
-    "twos and threes": Stress("held drawings under a moving camera", 20, twos_and_threes),
-    "smear": Stress("a dash with one smeared drawing", 16, smear),
-    "camouflage": Stress("a background of the character's colours", 16, camouflage),
-    "leaving": Stress("out of the picture and back", 26, leaving),
-    "twins": Stress("its double passes behind it", 16, twins),
+    "crossing": Stress("arms and legs that look alike cross", 12, crossing),
+    "order": Stress("an arm in front of the body goes behind it", 14, order),
+    "hidden": Stress("an arm goes behind the body and comes back", 12, hidden),
+    "pan": Stress("the camera goes along with a walk", 12, pan),
+    "zoom": Stress("the camera zooms to twice the size", 12, zoom),
+    "cut": Stress("another place, another size", 12, cut),
+    "twos and threes": Stress("held drawings under a moving camera", 16, twos_and_threes),
+    "smear": Stress("a dash with one smeared drawing", 12, smear),
+    "camouflage": Stress("a background of the character's colours", 12, camouflage),
+    "leaving": Stress("out of the picture and back", 22, leaving),
+    "twins": Stress("its double passes behind it", 14, twins),
     "line boil": Stress("every drawing has new lines", 16, line_boil),
-    "colour change": Stress("dusk falls", 16, colour_change),
+    "colour change": Stress("dusk falls", 12, colour_change),
+    "narrow": Stress("the box is given where the arms lie at the body", 8, narrow),
 }
