@@ -40,11 +40,15 @@ class Transform:
 
 @dataclass(frozen=True, eq=False)
 class Bone:
-    """A bone in the setup pose: its parent's index (-1: none) and its matrix."""
+    """A bone in the setup pose: its parent's index (-1: none), its matrix and what the format calls its rotation.
+
+    Where a mirrored first axis stays mirrored, that rotation points against the axis.
+    """
 
     name: str
     parent: int
     armature_from_bone: Affine
+    turn: float
 
 
 def read_transform(value: object, where: str) -> Transform:
@@ -73,16 +77,16 @@ def read_bones(entries: object, where: str) -> list[Bone]:
     if len(index) < len(entries):
         raise PuppetError(f"{where}: two bones have the same name")
     parents = [_parent(entry, index, where) for entry in entries]
-    matrices: dict[int, Affine] = {}
+    found: dict[int, Bone] = {}
     waiting = list(range(len(entries)))
     while waiting:
-        ready = [bone for bone in waiting if parents[bone] < 0 or parents[bone] in matrices]
+        ready = [bone for bone in waiting if parents[bone] < 0 or parents[bone] in found]
         if not ready:
             raise PuppetError(f"{where}: bone {entries[waiting[0]]['name']!r} is its own ancestor")
         for bone in ready:
-            matrices[bone] = _global(entries[bone], matrices.get(parents[bone]), where)
-        waiting = [bone for bone in waiting if bone not in matrices]
-    return [Bone(entry["name"], parents[place], matrices[place]) for place, entry in enumerate(entries)]
+            found[bone] = _placed(entries[bone], parents[bone], found.get(parents[bone]), where)
+        waiting = [bone for bone in waiting if bone not in found]
+    return [found[bone] for bone in range(len(entries))]
 
 
 def _parent(entry: dict[str, Any], index: dict[str, int], where: str) -> int:
@@ -94,29 +98,32 @@ def _parent(entry: dict[str, Any], index: dict[str, int], where: str) -> int:
     return index[parent]
 
 
-def _global(entry: dict[str, Any], parent: Affine | None, where: str) -> Affine:
+def _placed(entry: dict[str, Any], index: int, parent: Bone | None, where: str) -> Bone:
+    """Put one bone into the setup pose."""
     own = read_transform(entry.get("transform"), f"{where}: bone {entry['name']!r}")
     if parent is None:
-        return own.matrix()
-    translated = entry.get("inheritTranslation", True)
-    rotated, scaled = entry.get("inheritRotation", True), entry.get("inheritScale", True)
-    place = parent @ (own.x, own.y, 1.0) if translated else np.array([own.x, own.y])
+        return Bone(entry["name"], index, own.matrix(), own.turn)
+    above = parent.armature_from_bone
+    place = above @ (own.x, own.y, 1.0) if entry.get("inheritTranslation", True) else np.array([own.x, own.y])
+    if entry.get("inheritScale", True):
+        back = 0.0 if entry.get("inheritRotation", True) else parent.turn
+        axes = above[:, :2] @ _axes(own, own.turn - back, own.second_turn - back)
+        turn = _direction(axes) + (math.pi if own.scale_x < 0.0 and axes[0, 0] < 0.0 else 0.0)
+        return Bone(entry["name"], index, np.column_stack([axes, place]), turn)
     turn, second = own.turn, own.second_turn
-    if scaled:
-        if not rotated:
-            turn, second = turn - _turn(parent), second - _turn(parent)
-        axes = parent[:, :2] @ Transform(0.0, 0.0, turn, second, own.scale_x, own.scale_y).matrix()[:, :2]
-        return np.column_stack([axes, place])
-    if rotated:
+    if entry.get("inheritRotation", True):
         # Without the parent's scale: angles add up, and a mirrored parent turns the other way round.
-        skew = second - turn
-        mirrored = float(np.linalg.det(parent[:, :2])) < 0.0
-        turn = _turn(parent) + (-turn if mirrored else turn)
-        second = turn + skew + (math.pi if mirrored and entry.get("inheritReflection", True) else 0.0)
-    axes = Transform(0.0, 0.0, turn, second, own.scale_x, own.scale_y).matrix()[:, :2]
-    return np.column_stack([axes, place])
+        mirrored = float(np.linalg.det(above[:, :2])) < 0.0
+        turn = _direction(above) + (-own.turn if mirrored else own.turn)
+        second = turn + own.second_turn - own.turn
+        second += math.pi if mirrored and entry.get("inheritReflection", True) else 0.0
+    return Bone(entry["name"], index, np.column_stack([_axes(own, turn, second), place]), turn)
 
 
-def _turn(matrix: Affine) -> float:
+def _axes(own: Transform, turn: float, second_turn: float) -> Float[np.ndarray, "2 2"]:
+    return Transform(0.0, 0.0, turn, second_turn, own.scale_x, own.scale_y).matrix()[:, :2]
+
+
+def _direction(matrix: Float[np.ndarray, "2 N"]) -> float:
     """Measure the angle of a matrix's first axis."""
     return math.atan2(matrix[1, 0], matrix[0, 0])

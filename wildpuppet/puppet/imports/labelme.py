@@ -111,7 +111,7 @@ def read_points(value: object, where: str) -> Float[np.ndarray, "N 2"]:
     return points
 
 
-def _ring(label: str, kind: str, points: Float[np.ndarray, "N 2"], where: str) -> Float[np.ndarray, "N 2"]:
+def _ring(label: str, kind: str, points: Float[np.ndarray, "N 2"], where: str) -> Float[np.ndarray, "M 2"]:
     if kind == "polygon":
         return points
     if kind == "rectangle" and len(points) in (2, 4):
@@ -120,7 +120,7 @@ def _ring(label: str, kind: str, points: Float[np.ndarray, "N 2"], where: str) -
     if kind == "circle" and len(points) == 2:
         radius = math.dist(points[0], points[1])
         angle = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_POINTS, endpoint=False)
-        ring: Float[np.ndarray, "N 2"] = points[0] + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        ring: Float[np.ndarray, "M 2"] = points[0] + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         return ring
     raise PuppetError(f"{where} ({label!r}) is a {kind!r}; draw parts as polygons and hinges as points")
 

@@ -39,7 +39,7 @@ FARTHEST = 1e6
 
 PICTURES = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF")
 
-Rgba = UInt8[np.ndarray, "H W 4"]
+Rgba = UInt8[np.ndarray, "_ _ 4"]
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
@@ -105,6 +105,13 @@ def needed(module: str, where: str) -> Any:
         raise PuppetError(f"{where}: reading this needs {name}; python -m pip install 'wildpuppet[import]'") from None
 
 
+def shown(value: object) -> str:
+    """Write a value of a file into a message: short, and never the whole of a nested one (aliases unfold for ever)."""
+    if isinstance(value, str):
+        return repr(value[:60])
+    return repr(value) if value is None or isinstance(value, bool | int | float) else f"a {type(value).__name__}"
+
+
 def refuse(message: str) -> NoReturn:
     """Raise PuppetError where only an expression fits."""
     raise PuppetError(message)
@@ -136,21 +143,21 @@ def number(value: object, where: str, *, farthest: float = FARTHEST) -> float:
     except (ValueError, OverflowError):
         found = math.nan
     if not math.isfinite(found) or abs(found) > farthest:
-        raise PuppetError(f"{where} is {str(value)[:40]!r}; expected a number within {farthest:g}")
+        raise PuppetError(f"{where} is {shown(value)}; expected a number within {farthest:g}")
     return found
 
 
 def place(value: object, where: str) -> tuple[float, float]:
     """Give an [x, y] of two finite numbers."""
     if not isinstance(value, list | tuple) or len(value) != 2:
-        raise PuppetError(f"{where} is {str(value)[:40]!r}; expected [x, y]")
+        raise PuppetError(f"{where} is {shown(value)}; expected [x, y]")
     return number(value[0], where), number(value[1], where)
 
 
 def inside(folder: Path, name: object, where: str) -> Path:
     """Find a file that another one names, relative to its folder and within it."""
     if not isinstance(name, str) or not name or "\0" in name:
-        raise PuppetError(f"{where}: expected a file's name, found {str(name)[:40]!r}")
+        raise PuppetError(f"{where}: expected a file's name, found {shown(name)}")
     plain = name.replace("\\", "/")
     path = folder / plain
     if re.match(r"[A-Za-z]:|/|[a-z]+://", plain) or not path.resolve().is_relative_to(folder.resolve()):
@@ -176,5 +183,7 @@ def open_picture(source: Path | bytes, where: str, formats: tuple[str, ...] = PI
                 yield image
     except UnidentifiedImageError:
         raise PuppetError(f"{where}: not a picture we read; expected {', '.join(formats)}") from None
-    except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError) as error:
+    except Image.DecompressionBombError:
+        raise PuppetError(f"{where}: the picture is too big; scale it down") from None
+    except (OSError, SyntaxError, ValueError, EOFError) as error:
         raise PuppetError(f"{where}: cannot be read: {error}") from None

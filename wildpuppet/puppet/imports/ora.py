@@ -8,6 +8,7 @@ import io
 import zipfile
 import zlib
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -51,14 +52,14 @@ def _read_archive(archive: zipfile.ZipFile, where: str, merge_groups: bool) -> I
     if root.tag != "image" or stack is None:
         raise PuppetError(f"{where}: stack.xml holds no image with a stack; is this an OpenRaster file?")
     canvas = (int(number(root.get("w"), f"{where}: image w")), int(number(root.get("h"), f"{where}: image h")))
-    found = list(_layers(stack, (0, 0), 1.0, True, (), where))
+    found = list(_layers(stack, _Place(), (), where))
     require_canvas(canvas, len(found), where)
     notes: list[str] = []
     layers: list[Layer] = []
     total = 0
-    for element, corner, opacity, is_shown, groups in reversed(found):
+    for element, place, groups in reversed(found):
         name = element.get("name") or Path(element.get("src") or "layer").stem
-        if not is_shown:
+        if not place.is_shown:
             notes.append(f"{name!r} is hidden and left out")
             continue
         mode = element.get("composite-op") or ""
@@ -72,33 +73,43 @@ def _read_archive(archive: zipfile.ZipFile, where: str, merge_groups: bool) -> I
         total += rgba.shape[0] * rgba.shape[1]
         if total > MOST_TOTAL_PIXELS:
             raise PuppetError(f"{where}: its layers unpack to too many pixels; scale the picture down")
-        rgba[..., 3] = np.rint(rgba[..., 3] * opacity)
-        layers.append(Layer(name, rgba, corner, groups))
+        rgba[..., 3] = np.rint(rgba[..., 3] * place.opacity)
+        layers.append(Layer(name, rgba, place.corner, groups))
     kept = without_backdrop(layers, canvas, notes)
     return assembled(canvas, merged(kept) if merge_groups else kept, notes, where)
 
 
-Found = tuple[Element, tuple[int, int], float, bool, tuple[str, ...]]
+@dataclass(frozen=True)
+class _Place:
+    """Where and how much an element shows, as all stacks around it and its own attributes make it."""
+
+    corner: tuple[int, int] = (0, 0)
+    opacity: float = 1.0
+    is_shown: bool = True
+
+    def of(self, element: Element, where: str) -> "_Place":
+        """Add an element's own attributes."""
+        name = f"{where}: {(element.get('name') or element.tag)!r}"
+        x, y = (int(number(element.get(axis) or "0", f"{name} {axis}")) for axis in ("x", "y"))
+        share = min(max(number(element.get("opacity") or "1", f"{name} opacity"), 0.0), 1.0)
+        is_shown = self.is_shown and element.get("visibility") != "hidden"
+        return _Place((self.corner[0] + x, self.corner[1] + y), self.opacity * share, is_shown)
 
 
 def _layers(
-    stack: Element, corner: tuple[int, int], opacity: float, is_shown: bool, groups: tuple[str, ...], where: str
-) -> Iterator[Found]:
-    """List the layers front to back with corner, opacity and visibility as all stacks around them make them."""
+    stack: Element, around: _Place, groups: tuple[str, ...], where: str
+) -> Iterator[tuple[Element, _Place, tuple[str, ...]]]:
+    """List the layers front to back, each with its place and the names of the stacks around it."""
     if len(groups) > MOST_DEPTH:
         raise PuppetError(f"{where}: stacks are nested more than {MOST_DEPTH} deep; flatten some")
     if len(stack) > MOST_PARTS:
         raise PuppetError(f"{where}: {len(stack)} layers in one stack; at most {MOST_PARTS}")
+    here = around.of(stack, where)
     for element in stack:
-        name = element.get("name") or "layer"
-        x, y = (int(number(element.get(axis) or "0", f"{where}: {name!r} {axis}")) for axis in ("x", "y"))
-        here = (corner[0] + x, corner[1] + y)
-        share = opacity * min(max(number(element.get("opacity") or "1", f"{where}: {name!r} opacity"), 0.0), 1.0)
-        visible = is_shown and element.get("visibility") != "hidden"
         if element.tag == "stack":
-            yield from _layers(element, here, share, visible, (*groups, name), where)
+            yield from _layers(element, here, (*groups, element.get("name") or "group"), where)
         elif element.tag == "layer":
-            yield element, here, share, visible, groups
+            yield element, here.of(element, where), groups
 
 
 def _member(archive: zipfile.ZipFile, name: str, most: int, where: str) -> bytes:

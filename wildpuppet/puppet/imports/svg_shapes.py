@@ -5,6 +5,7 @@ svgpathtools (MIT) reads path data, arcs and transforms; the tree is walked here
 
 import math
 import re
+import warnings
 from dataclasses import dataclass
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -82,8 +83,10 @@ def shape_of(element: Element, document_from_element: Matrix, rule: Rule, where:
         raise PuppetError(f"{where}: path data of {len(data)} characters; at most {MOST_PATH}")
     library = needed("svgpathtools", where)
     try:
-        path = library.parse_path(data)
-        pieces = [_flattened(piece, document_from_element) for piece in path.continuous_subpaths()] if path else []
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")  # arcs of no radius are lines, as SVG asks
+            path = library.parse_path(data)
+            pieces = [_flattened(piece, document_from_element) for piece in path.continuous_subpaths()] if path else []
     except (ValueError, IndexError, TypeError, ArithmeticError, AssertionError) as error:
         raise PuppetError(f"{where}: path that cannot be read: {' '.join(str(error).split())[:120]}") from None
     rings = [piece for piece in pieces if len(piece) >= 3]
