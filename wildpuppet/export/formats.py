@@ -120,6 +120,10 @@ FORMATS: tuple[Format, ...] = (
         "exact", "an evaluator of our tests, after the published format", "spine",
     ),
     Format(
+        "godot", "Godot 4 scene: polygons with an animation player", "Godot 4", "exact",
+        f"{NOT_VERIFIED}; godot_parser, with Godot's tracks imitated", "godot",
+    ),
+    Format(
         "mdd", "MDD point cache with an OBJ", "Blender, LightWave, Modo, Houdini, older Maya and Max", "exact",
         "struct after the published layout, trimesh", "mdd",
     ),

@@ -51,6 +51,21 @@ def _part(puppet: Puppet, layer: int) -> MeshPart:
     )
 
 
+def hull_first(part: MeshPart) -> MeshPart:
+    """Put the corners of the longest outline first, in their order."""
+    outline = loops(part.edges)[0]
+    inner = np.setdiff1d(np.arange(len(part.corners)), outline)
+    order = np.concatenate([outline, inner]).astype(np.int64)
+    place = np.argsort(order)
+    return part._replace(
+        corners=part.corners[order],
+        vertices=part.vertices[order],
+        uv=part.uv[order],
+        triangles=place[part.triangles],
+        edges=place[part.edges],
+    )
+
+
 def loops(edges: Int[np.ndarray, "b 2"]) -> list[list[int]]:
     """Chain border edges, each in its triangle's direction, into closed outlines, the longest first.
 

@@ -22,7 +22,7 @@ from wildpuppet.export.keys import Joint, Key, Segment, joints, keys, shown_pose
 from wildpuppet.export.manifest import Manifest
 from wildpuppet.export.naming import file_names
 from wildpuppet.export.options import Options
-from wildpuppet.export.rig import MeshPart, loops, mesh_parts, written_error
+from wildpuppet.export.rig import MeshPart, hull_first, loops, mesh_parts, written_error
 from wildpuppet.machine import Progress
 
 VERSION = "4.2.43"
@@ -33,7 +33,7 @@ UP = np.array([1.0, -1.0])
 def write(animation: Animation, folder: Path, options: Options, progress: Progress) -> Manifest:
     """Write the three files."""
     stem = file_names([animation.name])[0]
-    parts = [_hull_first(part) for part in mesh_parts(animation.puppet)]
+    parts = [hull_first(part) for part in mesh_parts(animation.puppet)]
     Image.fromarray(animation.puppet.atlas).save(folder / f"{stem}.png")
     (folder / f"{stem}.atlas").write_text(_atlas(animation, parts, stem), encoding="utf-8")
     with (folder / f"{stem}.json").open("w", encoding="utf-8") as file:
@@ -42,21 +42,6 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
     left_out = [f"outlines of holes and islands, in the editor: {', '.join(holed)}"] if holed else []
     error = written_error(animation)
     return Manifest("bottom left corner of the picture", "x right, y up, pixels", 0, 1.0, tuple(left_out), error)
-
-
-def _hull_first(part: MeshPart) -> MeshPart:
-    """Put the corners of the longest outline first, in their order."""
-    outline = loops(part.edges)[0]
-    inner = np.setdiff1d(np.arange(len(part.corners)), outline)
-    order = np.concatenate([outline, inner]).astype(np.int64)
-    place = np.argsort(order)
-    return part._replace(
-        corners=part.corners[order],
-        vertices=part.vertices[order],
-        uv=part.uv[order],
-        triangles=place[part.triangles],
-        edges=place[part.edges],
-    )
 
 
 def _regions(parts: Sequence[MeshPart]) -> tuple[str, ...]:
