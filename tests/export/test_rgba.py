@@ -64,7 +64,7 @@ def test_png_numbers_begin_where_asked(tmp_path, world):
 
 
 def decoded(path, decoder=None):
-    """Read a video with alpha by FFmpeg: exact times, straight RGBA pictures, the stream's colour tags."""
+    """Read a video with alpha by FFmpeg: times, straight RGBA pictures, colour tags, rate and duration."""
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         codec = av.CodecContext.create(decoder, "r") if decoder else stream.codec_context
@@ -72,32 +72,37 @@ def decoded(path, decoder=None):
         tags = stream.codec_context
         found = (tags.colorspace, tags.color_range, tags.color_primaries, tags.color_trc)
         times = [frame.pts * stream.time_base for frame in frames]
+        lasts = Fraction(container.duration, av.time_base)
         pictures = [
             frame.reformat(
                 format="rgba", src_colorspace=Colorspace.ITU709, src_color_range=ColorRange.MPEG
             ).to_ndarray()
             for frame in frames
         ]
-    return times, pictures, found
+    return times, pictures, found, (stream.average_rate, lasts)
 
 
 def test_prores_keeps_alpha_colour_and_exact_times(tmp_path, world):
     folder = export(world.animation, format_of("prores"), tmp_path)
     assert sorted(path.name for path in (folder / "layers").iterdir()) == ["arm.mov", "body.mov"]
-    times, pictures, tags = decoded(folder / "combined.mov")
+    times, pictures, tags, (rate, lasts) = decoded(folder / "combined.mov")
     assert times == [t / FILM for t in range(NUM_FRAMES)]
     assert tags == (1, 1, 1, 1)
+    assert rate == FILM
+    assert abs(lasts - NUM_FRAMES / FILM) <= Fraction(1, 1000)
     for t, picture in enumerate(pictures):
         assert_like(picture, world.combined(t), PRORES_LEVELS, EDGE_SHARE)
-    _, arms, _ = decoded(folder / "layers" / "arm.mov")
+    _, arms, _, _ = decoded(folder / "layers" / "arm.mov")
     assert_like(arms[3], world.layer(3, 1), PRORES_LEVELS, EDGE_SHARE)
 
 
 def test_webm_keeps_alpha_in_the_stream_that_browsers_read(tmp_path, world):
     folder = export(world.animation, format_of("webm"), tmp_path)
-    times, pictures, tags = decoded(folder / "combined.webm", "libvpx-vp9")
+    times, pictures, tags, (rate, lasts) = decoded(folder / "combined.webm", "libvpx-vp9")
     assert all(abs(time - t / FILM) <= Fraction(1, 1000) for t, time in enumerate(times))
     assert tags == (1, 1, 1, 1)
+    assert rate == FILM
+    assert abs(lasts - NUM_FRAMES / FILM) <= Fraction(1, 1000)
     assert len(pictures) == NUM_FRAMES
     for t, picture in enumerate(pictures):
         truth = world.combined(t)
@@ -108,5 +113,5 @@ def test_webm_keeps_alpha_in_the_stream_that_browsers_read(tmp_path, world):
 def test_uneven_times_are_kept(tmp_path):
     pts = np.array([0, 1001, 3003, 4004, 9009, 10010, 11011, 15015])
     world = moving(pts=pts)
-    times, _, _ = decoded(export(world.animation, format_of("prores"), tmp_path) / "layers" / "arm.mov")
+    times, _, _, _ = decoded(export(world.animation, format_of("prores"), tmp_path) / "layers" / "arm.mov")
     assert times == [Fraction(int(time), 24000) for time in pts]

@@ -36,6 +36,7 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
             flow[rows, columns] = moves
             (folder / f"{first + t:06d}.flo").write_bytes(encode(flow))
         progress(t + 1, len(animation))
+    progress(len(animation), len(animation))
     left_out = (
         "no file: the last frame of each shot, and frames before or after which the character is lost",
         "meshes, textures, layers, times",

@@ -1,5 +1,6 @@
 """OpenUSD in one file with its texture inside: for handing over, and for the previews of Apple's systems."""
 
+import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -10,6 +11,9 @@ from wildpuppet.export.options import Options
 from wildpuppet.export.usd import write as write_usd
 from wildpuppet.machine import Progress
 
+DATE = 946728000
+"""Noon of the first of January 2000, UTC: the package notes its files' dates, and the same run gives the same bytes."""
+
 
 def write(animation: Animation, folder: Path, options: Options, progress: Progress) -> Manifest:
     """Write FOLDER/puppet.usdz."""
@@ -17,6 +21,8 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
 
     with TemporaryDirectory(dir=folder) as loose:
         manifest = write_usd(animation, Path(loose), options, progress)
+        for path in Path(loose).iterdir():
+            os.utime(path, (DATE, DATE))
         if not UsdUtils.CreateNewUsdzPackage(str(Path(loose) / "puppet.usdc"), str(folder / "puppet.usdz")):
             raise StoreError(f"{folder}: usd-core could not write the package; is the disk full?")
     return manifest

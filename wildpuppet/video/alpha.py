@@ -58,8 +58,12 @@ def write_alpha(
         raise ValueError("expected at least one frame and one time")
     times = (np.asarray(pts, np.int64) - int(pts[0])).tolist()
     lengths = np.diff(times, append=2 * times[-1] - times[-2] if len(times) > 1 else 1).tolist()
+    rate = 1 / (Fraction(int(np.median(lengths))) * time_base)  # what the file says, and how long its last frame lasts
+    if kind == "webm":  # libvpx refuses coarse ticks, and the container rounds to milliseconds anyway
+        times, lengths = ([round(time * time_base * 1000) for time in some] for some in (times, lengths))
+        time_base = Fraction(1, 1000)
     with written_beside(path, how.container) as container:
-        stream = container.add_stream(how.codec, options=how.options)
+        stream = container.add_stream(how.codec, rate=rate, options=how.options)
         assert isinstance(stream, VideoStream), "both codecs are video"
         stream.height, stream.width = first.shape[:2]
         stream.pix_fmt = how.pixels
