@@ -1,4 +1,4 @@
-"""`wildpuppet formats`: what a run can be exported to, what opens it, and how exact it is."""
+"""`wildpuppet formats`: what a run can be exported to, what opens it, how exact it is; what puppets come from."""
 
 import sys
 from dataclasses import dataclass
@@ -7,16 +7,19 @@ from itertools import zip_longest
 
 @dataclass(frozen=True)
 class Arguments:
-    """List the formats of `wildpuppet export`."""
+    """List the formats of `wildpuppet export` and those of `wildpuppet puppet import`."""
 
 
 def main(arguments: Arguments) -> None:
-    """Print the table."""
+    """Print both tables."""
     import shutil
 
     from wildpuppet.export.formats import HEADINGS, rows
+    from wildpuppet.puppet.imports import formats as imports
 
-    sys.stdout.write(table([HEADINGS, *rows()], shutil.get_terminal_size((160, 24)).columns))
+    width = shutil.get_terminal_size((160, 24)).columns
+    sys.stdout.write(table([HEADINGS, *rows()], width))
+    sys.stdout.write(f"\nwildpuppet puppet import reads:\n\n{table([imports.HEADINGS, *imports.rows()], width)}")
 
 
 def table(cells: list[tuple[str, ...]], width: int) -> str:

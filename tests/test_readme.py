@@ -27,7 +27,7 @@ def commands(block: str) -> list[list[str]]:
     return [shlex.split(part) for line in block.splitlines() for part in line.split("&&")]
 
 
-MAIN_JOB, TEST_COMMAND, AFTERWARDS, OTHERS = blocks("sh")
+MAIN_JOB, TEST_COMMAND, AFTERWARDS, OTHERS, PUPPETS = blocks("sh")
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,13 @@ def test_commands_on_a_run_work_as_written(workplace: Path) -> None:
     subprocess.run([sys.executable, "-c", snippet], cwd=workplace, check=True)
 
 
-@pytest.mark.parametrize("words", commands(OTHERS), ids=shlex.join)
+def test_a_puppet_is_cut_out_as_written(workplace: Path) -> None:
+    told = run_installed(commands(PUPPETS)[1], workplace)
+    assert "11 parts on 720 x 536" in told
+    assert (workplace / "outlined" / "puppet.json").is_file()
+
+
+@pytest.mark.parametrize("words", [*commands(OTHERS), *commands(PUPPETS)], ids=shlex.join)
 def test_other_commands_are_understood(words: list[str]) -> None:
     name, rest = command_of(words[1:])
     parse(load(name), name, rest)

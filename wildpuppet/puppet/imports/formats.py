@@ -62,6 +62,17 @@ FORMATS: dict[Name, Format] = {
 }  # fmt: skip
 
 
+HEADINGS = ("--from", "what", "written by", "taken over", "extra")
+
+
+def rows() -> list[tuple[str, ...]]:
+    """List the table's lines."""
+    return [
+        (name, each.what, each.written_by, each.keeps, "import" if each.library else "")
+        for name, each in FORMATS.items()
+    ]
+
+
 def recognised(path: Path) -> Name:
     """Tell a file's or folder's format by what is in it, whatever its name.
 
@@ -78,7 +89,7 @@ def recognised(path: Path) -> Name:
     if head.startswith(b"PK\x03\x04"):
         if ora.MIMETYPE in head[:200]:
             return "ora"
-        what = "Krita's own format: save it as PSD or ORA" if b"application/x-kra" in head[:200] else "an archive"
+        what = "Krita's own format: save it as PSD or ORA" if b"application/x-kr" in head[:200] else "an archive"
         raise PuppetError(f"{path}: {what}; unpack it first" if what == "an archive" else f"{path}: {what}")
     text = head.lstrip(b"\xef\xbb\xbf \t\r\n")
     if text.startswith(b"{"):
