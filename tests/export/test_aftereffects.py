@@ -12,20 +12,17 @@ from calmjs.parse.asttypes import FuncDecl, GetPropAssign, SetPropAssign
 from calmjs.parse.walkers import Walker
 from PIL import Image
 
-from tests.correspond import scene
+from tests.export.edges import assert_runs_around_the_ink
 from tests.export.moving import BEHIND, FIRST, HELD, LOST, NUM_FRAMES, SHOT, moving
 from tests.node.client import require, run_node
 from wildpuppet.export import aftereffects
 from wildpuppet.export.draw import Painter
 from wildpuppet.export.options import Options
-from wildpuppet.geometry.affine import apply, invert
 from wildpuppet.machine import silent
 
 PIXELS = 1e-3
 UNEVEN = np.array([0, 800, 1600, 3600, 4400, 5200, 6000, 7200])
 SECONDS = 1e-8
-CORNER = 0.5
-"""A traced edge cuts the corners of a pixel."""
 
 
 @pytest.fixture(scope="module")
@@ -97,21 +94,11 @@ def test_masks_follow_the_outlines(world, project):
         ((kind, mask),) = layer["children"]["ADBE Mask Parade"]["added"]
         assert (kind, mask["maskMode"]) == ("ADBE Mask Atom", "NONE")
         number = puppet.names.index(layer["name"])
-        x, y, width, height = (scene.BODY, scene.ARM)[number]
         for time, shape, _ in mask["children"]["ADBE Mask Shape"]["keys"]:
             t = frame_of(time)
             if t != LOST:
                 assert len(shape["vertices"]) == len(shape["inTangents"]) == len(shape["outTangents"])
-                canvas = apply(invert(world.maps[t, number]), np.array(shape["vertices"]))
-                assert distance_to_rectangle(canvas, (x, y, width, height)).max() < CORNER
-                assert np.ptp(canvas, axis=0) == pytest.approx((width, height), abs=2 * PIXELS)
-
-
-def distance_to_rectangle(points, rectangle):
-    """Distance of points near a rectangle's border from that border."""
-    x, y, width, height = rectangle
-    off = np.stack([points[:, 0] - x, x + width - points[:, 0], points[:, 1] - y, y + height - points[:, 1]])
-    return np.abs(off).min(0)
+                assert_runs_around_the_ink(world, t, number, shape["vertices"])
 
 
 def test_nulls_are_the_hinges_and_cuts_are_held(world, project):

@@ -140,6 +140,14 @@ FORMATS: tuple[Format, ...] = (
         f"{NOT_VERIFIED}; Tcl, with Nuke's nodes imitated", "nuke",
     ),
     Format(
+        "mlt", "MLT: the drawn edge of each part as a rotoscoping spline", "Shotcut, Kdenlive, melt", "exact",
+        f"{NOT_VERIFIED}; an XML parser, with MLT's splines imitated", "mlt",
+    ),
+    Format(
+        "ebsynth", "EbSynth guides: place on the resting puppet, and mask", "EbSynth", "pictures",
+        f"{NOT_VERIFIED}; Pillow", "ebsynth",
+    ),
+    Format(
         "otio", "OpenTimelineIO: a clip per shot", "Resolve, Premiere and others through OTIO", "pictures",
         "OpenTimelineIO", "otio",
     ),
