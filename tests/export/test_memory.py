@@ -12,7 +12,7 @@ FRAME_BYTES = 160 * 120 * 4
 SHORT, LONG = 8, 24
 
 
-@pytest.mark.parametrize("each", FORMATS, ids=lambda each: each.name)
+@pytest.mark.parametrize("each", [each for each in FORMATS if each.holds == "pictures"], ids=lambda each: each.name)
 def test_pictures_are_not_kept(tmp_path, each):
     export(moving(2).animation, each, tmp_path / "warm")  # imports and compiles
     short, long = (peak_bytes(moving(count).animation, each, tmp_path / str(count)) for count in (SHORT, LONG))
