@@ -23,7 +23,7 @@ from wildpuppet.export.keys import Joint, Key, Segment, joints, keys, segments, 
 from wildpuppet.export.manifest import Manifest
 from wildpuppet.export.naming import file_names
 from wildpuppet.export.options import Options
-from wildpuppet.export.rig import MeshPart, mesh_parts
+from wildpuppet.export.rig import MeshPart, mesh_parts, written_error
 from wildpuppet.machine import Progress
 
 MOST_NUMBERS = 2**16 - 1
@@ -45,9 +45,9 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
         write_json(file, _textures(animation, parts, stem))
     with (folder / f"{stem}_ske.json").open("w", encoding="utf-8") as file:
         write_json(file, _skeleton(animation, parts, cut, stem, progress))
-    return Manifest(
-        "top left corner of the picture", "x right, y down, pixels", 0, 1.0, tuple(_left_out(animation, cut))
-    )
+    said = tuple(_left_out(animation, cut))
+    axes = "x right, y down, pixels"
+    return Manifest("top left corner of the picture", axes, 0, 1.0, said, written_error(animation))
 
 
 def _left_out(animation: Animation, cut: Sequence[Segment]) -> Iterator[str]:
@@ -68,10 +68,11 @@ def _number(animation: Animation, segment: Segment) -> str:
 def _most_frames(parts: Sequence[MeshPart], num_hinges: int) -> int:
     """Frames of an animation that the 16 bits hold, at the worst a key each.
 
-    Two tables are indexed: one of numbers (six for the window, two per hinge, the meshes' offsets; the last mesh may
-    reach beyond) and one of keys (two entries each; draw order takes one per slot).
+    Two tables are indexed: one of numbers (six for the window, two per hinge, the meshes' offsets; the last mesh, which
+    is the largest, may reach beyond) and one of keys (two entries each; draw order takes one per slot).
     """
-    numbers = 6 + 2 * num_hinges + sum(2 * len(part.vertices) for part in parts[:-1])
+    corners = [len(part.vertices) for part in parts]
+    numbers = 6 + 2 * num_hinges + 2 * (sum(corners) - max(corners))
     entries = 2 * (3 + num_hinges + 2 * len(parts)) + 2 + len(parts)
     return max(2, MOST_NUMBERS // max(numbers, entries))
 
@@ -133,7 +134,7 @@ def _animation(
     ]
 
     def deformed() -> Iterator[dict[str, Any]]:
-        for done, part in enumerate(parts, 1):
+        for done, part in enumerate(sorted(parts, key=lambda part: len(part.vertices)), 1):
             frames = _deformed(animation, part, segment, poses)
             yield {"name": part.name, "slot": part.name, "skin": "default", "frame": frames}
             progress(segment.start + (segment.end - segment.start) * done // len(parts), len(animation))

@@ -32,15 +32,18 @@ class Segment(NamedTuple):
 
 
 def segments(animation: Animation, most_frames: int) -> list[Segment]:
-    """Cut at the shots, and shots longer than ``most_frames`` into pieces; named NAME, NAME_shot2, NAME_shot2_part3."""
+    """Cut at the shots, and shots longer than ``most_frames`` into even pieces.
+
+    They are named NAME, NAME_shot2, NAME_shot2_part3.
+    """
     starts = [*animation.shot_starts, len(animation)]
     found = []
     for shot, (start, end) in enumerate(pairwise(starts), 1):
         name = animation.name if len(starts) == 2 else f"{animation.name}_shot{shot}"
-        pieces = range(start, end, most_frames)
-        for part, first in enumerate(pieces, 1):
-            label = name if len(pieces) == 1 else f"{name}_part{part}"
-            found.append(Segment(label, first, min(first + most_frames, end)))
+        count = -(-(end - start) // most_frames)
+        bounds = [start + (end - start) * piece // count for piece in range(count + 1)]
+        for part, (first, last) in enumerate(pairwise(bounds), 1):
+            found.append(Segment(name if count == 1 else f"{name}_part{part}", first, last))
     return found
 
 
