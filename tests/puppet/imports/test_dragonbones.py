@@ -133,6 +133,17 @@ def test_bones_are_hinges(tmp_path: Path) -> None:
     }
 
 
+def test_parts_of_one_bone_hang_together_and_named_bones_tie_parts(tmp_path: Path) -> None:
+    slots = [{"name": name, "parent": "torso"} for name in ("torso", "arm")] + [{"name": "hand", "parent": "hand"}]
+    bones = [*BONES[:2], {"name": "hand", "transform": {"x": 20, "y": -30}}]
+    cutout = dragonbones.read_dragonbones(saved(tmp_path, rig(bones, slots, DISPLAYS))).cutout
+    assert cutout.joints[0] == JointSpec(("torso", "arm"))
+    named = [*bones, {"name": "torso_to_hand", "transform": {"x": 14, "y": -30}}]
+    cutout = dragonbones.read_dragonbones(saved(tmp_path, rig(named, slots, DISPLAYS))).cutout
+    assert cutout.joints[0].parts == ("torso", "hand")
+    assert cutout.joints[0].at == (28.0 + 14.0, 68.0 - 30.0)
+
+
 def test_slots_that_show_nothing_are_left_out_and_tints_applied(tmp_path: Path) -> None:
     tree = copy.deepcopy(RIG)
     armature = tree["armature"][0]

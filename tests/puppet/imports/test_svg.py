@@ -86,6 +86,14 @@ def test_names_groups_and_hinges_are_a_persons_not_the_programs(tmp_path: Path) 
     assert drawing.notes == ["'sketch' is hidden and left out", "a <text> is left out; outlines are paths and shapes"]
 
 
+def test_figmas_pictures_are_no_parts(tmp_path: Path) -> None:
+    inside = """<rect width="200" height="100" fill="url(#pattern0)"/><path id="torso" d="M 10 10 H 60 V 90 H 10 Z"/>
+      <defs><pattern id="pattern0" width="1" height="1"><use xlink:href="#image0"/></pattern></defs>"""
+    drawing = read_drawing(saved(tmp_path, inside))
+    assert [part.name for part in outlines_of(drawing, SIZE, tmp_path).parts] == ["torso"]
+    assert drawing.notes == ["'rect' shows a picture and is left out"]
+
+
 def test_a_piece_with_a_hole_keeps_it_beside_other_pieces(tmp_path: Path) -> None:
     inside = """<g id="arm"><path fill-rule="evenodd" d="M 0 0 H 40 V 40 H 0 Z M 10 10 H 30 V 30 H 10 Z"/>
       <path d="M 50 0 V 20 H 60 V 0 Z"/></g><path id="leg" d="M 90 0 h 5 v 5 h -5 z"/>"""
@@ -115,8 +123,9 @@ def test_the_frame_lies_where_the_image_lies(tmp_path: Path) -> None:
     # Our corners do lie where resvg paints the square.
     painted, outlined = rendered(placed.format(data)), rendered(square)
     assert np.abs(painted - outlined).sum() < 0.05 * outlined.sum()
-    for href in (data, "frame.png"):
-        path = saved(tmp_path, placed.format(href) + square)
+    hidden = '<g style="display:none"><g>{}</g><path id="notes" d="M0 0H9V9Z"/></g>'
+    for picture in (placed.format(data), placed.format("frame.png"), hidden.format(placed.format("frame.png"))):
+        path = saved(tmp_path, picture + square)
         drawn = drawn_svg(path, None)
         assert drawn.rgb.shape == (100, 100, 3)
         (part,) = drawn.outlines.parts

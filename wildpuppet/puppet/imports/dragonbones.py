@@ -85,7 +85,8 @@ def read_dragonbones(path: Path) -> Imported:
     canvas = (int(size[0]), int(size[1]))
     require_canvas(canvas, len(shown), where)
     notes.append(f"the rig's origin stands at {-low[0]:g},{-low[1]:g} on the canvas")
-    layers = [Layer(slot.name, _painted(slot, low, canvas)) for slot in shown]
+    # Parts of one bone belong together: where no hinge is known between them, one is guessed there first.
+    layers = [Layer(slot.name, _painted(slot, low, canvas), (0, 0), (bones[slot.bone].name,)) for slot in shown]
     hinges = _hinges(shown, layers, bones, low)
     return assembled(canvas, layers, notes, str(path), joints=hinges)
 
@@ -219,22 +220,23 @@ def _painted(slot: _Shown, low: Float[np.ndarray, "2"], canvas: tuple[int, int])
 def _hinges(
     shown: list[_Shown], layers: list[Layer], bones: list[Bone], low: Float[np.ndarray, "2"]
 ) -> list[JointSpec]:
-    """Tie each bone's largest part to the part above it, at the bone's origin; other parts of a bone to its largest."""
-    of_bone: dict[int, list[int]] = {}
-    for part, slot in enumerate(shown):
-        of_bone.setdefault(slot.bone, []).append(part)
+    """Tie each bone's largest part to the part above it, at the bone's origin; bones named a_to_b tie a and b."""
+    largest: dict[int, int] = {}
     size = [np.count_nonzero(layer.rgba[..., 3]) for layer in layers]
+    for part in sorted(range(len(shown)), key=lambda part: size[part]):
+        largest[shown[part].bone] = part
+    number = {layer.name: part for part, layer in enumerate(layers)}
     hinges = []
-    for bone, parts in of_bone.items():
-        parts.sort(key=lambda part: -size[part])
-        hinges += [JointSpec((layers[parts[0]].name, layers[part].name)) for part in parts[1:]]
-        above = bones[bone].parent
-        while above >= 0 and above not in of_bone:
-            above = bones[above].parent
-        if above >= 0:
-            upper = max(of_bone[above], key=lambda part: size[part])
-            at = bones[bone].armature_from_bone[:, 2] - low
-            hinges.append(_hinge(layers[upper], layers[parts[0]], at))
+    for index, bone in enumerate(bones):
+        at = bone.armature_from_bone[:, 2] - low
+        ends = [number[name] for name in bone.name.split("_to_") if name in number]
+        if index in largest:
+            above = bone.parent
+            while above >= 0 and above not in largest:
+                above = bones[above].parent
+            ends = [largest[above], largest[index]] if above >= 0 else []
+        if len(ends) == 2 and ends[0] != ends[1]:
+            hinges.append(_hinge(layers[ends[0]], layers[ends[1]], at))
     return hinges
 
 

@@ -76,6 +76,7 @@ class Drawing:
     found: list[_Found] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     num_groups: int = 0
+    patterns: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +88,7 @@ class _Around:
     group: str = ""
     number: int = 0
     depth: int = 0
+    only_image: bool = False
 
 
 def read_drawing(path: Path) -> Drawing:
@@ -96,6 +98,7 @@ def read_drawing(path: Path) -> Drawing:
     if local(root.tag) != "svg":
         raise PuppetError(f"{where}: expected an SVG, found <{local(root.tag)[:40]}>")
     drawing = Drawing(_view_box(root, where), np.eye(3), False)
+    drawing.patterns = frozenset(each.get("id", "") for each in root.iter() if local(each.tag) == "pattern")
     for element, around in _elements(root, _Around(np.eye(3)), drawing, where):
         _take(element, around, drawing, where)
     if len(drawing.found) > MOST_PARTS:
@@ -180,11 +183,18 @@ def _elements(group: Element, around: _Around, drawing: Drawing, where: str) -> 
             continue
         name = _name(element)
         label = name or element.get("id") or tag
-        if style_of(element, "display") == "none" or style_of(element, "visibility") == "hidden":
+        is_hidden = style_of(element, "display") == "none" or style_of(element, "visibility") == "hidden"
+        if is_hidden and not any(local(inner.tag) == "image" for inner in element.iter()):
             drawing.notes.append(f"{label[:80]!r} is hidden and left out")
             continue
         matrix = transform_of(element, around.matrix, f"{where}: {label[:80]!r}")
-        here = replace(around, matrix=matrix, rule=_RULES.get(style_of(element, "fill-rule") or "", around.rule))
+        # A frame that is hidden while one draws still says where the frame lies.
+        here = replace(
+            around,
+            only_image=around.only_image or is_hidden,
+            matrix=matrix,
+            rule=_RULES.get(style_of(element, "fill-rule") or "", around.rule),
+        )
         if tag in _GROUPS:
             if name:
                 drawing.num_groups += 1
@@ -199,6 +209,10 @@ def _take(element: Element, around: _Around, drawing: Drawing, where: str) -> No
     label = f"{where}: {(name or element.get('id') or tag)[:80]!r}"
     if tag == "image":
         _take_image(element, around.matrix, drawing, label)
+    elif around.only_image:
+        drawing.notes.append(f"{(name or element.get('id') or tag)[:80]!r} is hidden and left out")
+    elif _pattern_filled(element, drawing):
+        drawing.notes.append(f"{(name or element.get('id') or tag)[:80]!r} shows a picture and is left out")
     elif tag in _DRAWN:
         drawing.notes.append(f"a <{tag}> is left out; outlines are paths and shapes")
     else:
@@ -207,6 +221,12 @@ def _take(element: Element, around: _Around, drawing: Drawing, where: str) -> No
             drawing.notes.append(f"{name or element.get('id') or tag!r} has no area and is left out")
         else:
             drawing.found.append(_Found(name, around.group, around.number, shape))
+
+
+def _pattern_filled(element: Element, drawing: Drawing) -> bool:
+    """Say whether a shape is filled with a pattern: so Figma writes a picture."""
+    fill = re.match(r"url\(['\"]?#([^)'\"]+)", style_of(element, "fill") or "")
+    return fill is not None and fill[1] in drawing.patterns
 
 
 def _take_image(element: Element, matrix: Matrix, drawing: Drawing, where: str) -> None:
