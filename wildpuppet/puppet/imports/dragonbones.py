@@ -16,7 +16,8 @@ from wildpuppet.errors import PuppetError
 from wildpuppet.puppet.imports.dragonbones_atlas import Texture, Textures
 from wildpuppet.puppet.imports.dragonbones_mesh import Mesh, read_mesh
 from wildpuppet.puppet.imports.dragonbones_pose import Affine, Bone, read_bones, read_transform
-from wildpuppet.puppet.imports.limits import MOST_PARTS, Rgba, number, read_json, require_canvas
+from wildpuppet.puppet.imports.limits import MOST_PARTS, Rgba, listed, number, read_json, require_canvas
+from wildpuppet.puppet.imports.limits import shown as word_for
 from wildpuppet.puppet.imports.paint import paint_mesh, paint_picture
 from wildpuppet.puppet.imports.result import Imported, Layer, assembled, own_name
 from wildpuppet.types import JointSpec
@@ -98,7 +99,7 @@ def _armature(tree: dict[str, Any], path: Path, notes: list[str]) -> dict[str, A
     armatures = tree.get("armature")
     if not isinstance(armatures, list) or not armatures or not all(isinstance(entry, dict) for entry in armatures):
         raise PuppetError(f"{path}: expected a list 'armature'; is this a DragonBones skeleton?")
-    chosen: dict[str, Any] = max(armatures, key=lambda entry: len(entry.get("slot") or ()))
+    chosen: dict[str, Any] = max(armatures, key=lambda entry: len(listed(entry.get("slot"))))
     if len(armatures) > 1:
         notes.append(f"of {len(armatures)} armatures {chosen.get('name')!r} is taken, which has most slots")
     return chosen
@@ -116,11 +117,11 @@ def _shown(
     found = []
     for slot in slots:
         name = slot.get("name") if isinstance(slot, dict) else None
-        if not isinstance(name, str) or slot.get("parent") not in index:
-            raise PuppetError(f"{where}: slot {str(name)[:40]!r} has no name or hangs on no bone")
+        if not isinstance(name, str) or str(slot.get("parent")) not in index:
+            raise PuppetError(f"{where}: slot {word_for(name)} has no name or hangs on no bone")
         display = _display(slot, displays.get(name, []), notes)
         if display is not None:
-            bone = index[slot["parent"]]
+            bone = index[str(slot["parent"])]
             found.append(_slot(own_name(name, taken), bone, slot, display, displays, bones, textures, where))
     return found
 
@@ -128,9 +129,8 @@ def _shown(
 def _displays(armature: dict[str, Any], where: str) -> dict[str, list[dict[str, Any]]]:
     """Collect each slot's displays; the first skin that knows a slot counts."""
     found: dict[str, list[dict[str, Any]]] = {}
-    skins = armature.get("skin")
-    for skin in skins if isinstance(skins, list) else []:
-        for slot in skin.get("slot") or [] if isinstance(skin, dict) else []:
+    for skin in listed(armature.get("skin")):
+        for slot in listed(skin.get("slot")) if isinstance(skin, dict) else []:
             if isinstance(slot, dict) and isinstance(slot.get("display"), list):
                 entries = [entry if isinstance(entry, dict) else {} for entry in slot["display"]]
                 found.setdefault(str(slot.get("name")), entries)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from wildpuppet.errors import PuppetError
-from wildpuppet.puppet.imports.limits import MOST_PARTS, number
+from wildpuppet.puppet.imports.limits import MOST_PARTS, number, shown
 
 Affine = Float[np.ndarray, "2 3"]
 
@@ -93,8 +93,8 @@ def _parent(entry: dict[str, Any], index: dict[str, int], where: str) -> int:
     parent = entry.get("parent")
     if parent in (None, ""):
         return -1
-    if parent not in index:
-        raise PuppetError(f"{where}: bone {entry['name']!r} has the unknown parent {str(parent)[:40]!r}")
+    if not isinstance(parent, str) or parent not in index:
+        raise PuppetError(f"{where}: bone {entry['name']!r} has the unknown parent {shown(parent)}")
     return index[parent]
 
 

@@ -22,7 +22,7 @@ from PIL import Image, UnidentifiedImageError
 from wildpuppet.errors import PuppetError
 from wildpuppet.puppet.folder import LARGEST_SIDE, MOST_PIXELS
 
-MOST_TOTAL_PIXELS = 2**29
+MOST_TOTAL_PIXELS = 2**28
 """Parts times canvas pixels; each is held in memory at four bytes."""
 MOST_PARTS = 500
 """More parts than any puppet has: the file holds something else."""
@@ -147,6 +147,11 @@ def number(value: object, where: str, *, farthest: float = FARTHEST) -> float:
     return found
 
 
+def listed(value: object) -> list[Any]:
+    """Give a list as it is, and an empty one for whatever else stands in its place."""
+    return value if isinstance(value, list) else []
+
+
 def place(value: object, where: str) -> tuple[float, float]:
     """Give an [x, y] of two finite numbers."""
     if not isinstance(value, list | tuple) or len(value) != 2:
@@ -159,6 +164,8 @@ def inside(folder: Path, name: object, where: str) -> Path:
     if not isinstance(name, str) or not name or "\0" in name:
         raise PuppetError(f"{where}: expected a file's name, found {shown(name)}")
     plain = name.replace("\\", "/")
+    if len(name) > 1000 or any(len(piece.encode()) > 250 for piece in plain.split("/")):
+        raise PuppetError(f"{where}: the file name {name[:40]!r}... is too long")
     path = folder / plain
     if re.match(r"[A-Za-z]:|/|[a-z]+://", plain) or not path.resolve().is_relative_to(folder.resolve()):
         raise PuppetError(f"{where}: {name[:80]!r} lies outside its folder; move it inside")

@@ -5,6 +5,7 @@ are painted onto the layer they are clipped to; effects and vector masks are pai
 cannot be kept apart (blend modes, adjustment layers) is told in the notes. psd-tools: MIT, reads all colour modes.
 """
 
+import logging
 import struct
 import warnings
 from collections.abc import Iterator
@@ -78,7 +79,10 @@ def _look_at_header(path: Path) -> None:
 
 @contextmanager
 def _refusing(where: str) -> Iterator[None]:
-    """Turn whatever a broken file makes psd-tools raise into one line."""
+    """Turn whatever a broken file makes psd-tools raise into one line; what it logs besides is not for the person."""
+    logger = logging.getLogger("psd_tools")
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", UserWarning)
@@ -86,6 +90,8 @@ def _refusing(where: str) -> Iterator[None]:
     except _UNREADABLE as error:
         reason = " ".join(str(error).split())[:160]
         raise PuppetError(f"{where}: cannot be read as a Photoshop file ({type(error).__name__}: {reason})") from None
+    finally:
+        logger.setLevel(before)
 
 
 def _leaves(group: Any, groups: tuple[Any, ...], where: str) -> Iterator[tuple[Any, tuple[Any, ...]]]:
