@@ -80,19 +80,19 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         "usd", "OpenUSD .usdc: a moving mesh per part, joints, a camera", "Blender, Houdini, Maya, Unreal, Fusion",
-        "exact", "usd-core and its validators", "usd", "usd", ("pxr",),
+        "exact", "usd-core and its validators; Blender 5.0", "usd", "usd", ("pxr",),
     ),
     Format(
         "usdz", "the same in one .usdz file", "Quick Look, Blender, Houdini, Maya, Unreal", "exact",
-        "usd-core and its validators", "usdz", "usd", ("pxr",),
+        "usd-core and its validators; Blender 5.0", "usdz", "usd", ("pxr",),
     ),
     Format(
         "glb", "glTF 2.0: a mesh per part, a morph target per drawing", "three.js and browsers, game engines, Blender",
-        "exact", "pygltflib; Khronos's validator and three.js (node)", "glb",
+        "exact", "pygltflib; Khronos's validator, three.js (node); Blender 5.0", "glb",
     ),
     Format(
         "exr", "OpenEXR: ST maps, motion vectors, Cryptomatte, mattes", "Nuke, Fusion, Blender, After Effects, Natron",
-        "pictures", "OpenEXR, OpenCV", "exr", "exr", ("OpenEXR",),
+        "pictures", "OpenEXR, OpenCV; Blender 5.0", "exr", "exr", ("OpenEXR",),
     ),
     Format(
         "psd", "one layered picture: a layer per part", "Photoshop, Krita, Clip Studio, Affinity", "pictures",
@@ -125,11 +125,11 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         "mdd", "MDD point cache with an OBJ", "Blender, LightWave, Modo, Houdini, older Maya and Max", "exact",
-        "struct after the published layout, trimesh", "mdd",
+        "Blender, trimesh", "mdd",
     ),
     Format(
         "pc2", "PC2 point cache with an OBJ", "Blender, 3ds Max, older Maya", "exact",
-        "struct after the published layout, trimesh", "pc2",
+        "Blender, trimesh", "pc2",
     ),
     Format(
         "aftereffects", "After Effects script: parts as layers, outlines as masks, hinges as nulls", "After Effects",
