@@ -64,7 +64,7 @@ def find_poses(
         return keeper.keep(stages.REST, puppet=puppet, crops=crops, placement=placement)
     hypotheses = search(keeper, puppet, crops, placement, frames)
     if keyframes:
-        hypotheses = follow_keyframes(keeper, puppet, crops, hypotheses, keyframes)
+        hypotheses = follow_keyframes(keeper, puppet, crops, placement, hypotheses, keyframes)
     return keeper.keep(stages.CHOOSE, puppet=puppet, crops=crops, hypotheses=hypotheses)
 
 
@@ -93,15 +93,19 @@ def follow_keyframes(
     keeper: Keeper,
     puppet: Kept[Puppet],
     crops: Kept[Crops],
+    placement: Kept[Any],
     hypotheses: Kept[Hypotheses],
     keyframes: Keyframes,
 ) -> Kept[Hypotheses]:
     """Let the keyframes' poses stand alone in their frames, and beside what was found in the frames around them."""
     with keeper.step(stages.KEYFRAMES.name, len(keyframes)):
         parts = [
-            keeper.keep(stages.KEYFRAMES_PART, puppet=puppet, crops=crops, hypotheses=hypotheses, keyframe=keyframe)
+            keeper.keep(
+                stages.KEYFRAMES_PART, puppet=puppet, crops=crops, placement=placement, hypotheses=hypotheses,
+                keyframe=keyframe,
+            )
             for keyframe in keyframes.values()
-        ]
+        ]  # fmt: skip
         return keeper.keep(stages.KEYFRAMES, weight=0.0, hypotheses=hypotheses, parts=parts)
 
 

@@ -123,6 +123,11 @@ class Drawn:
 HYPOTHESES = ("crop_from_canvas", "order", "cost")
 FIT = ("frames", "vertices_crop", "order", "confidence", "state")
 
+
+def _keyframes_part(drawn: Drawn) -> tuple[Any, ...]:
+    return drawn.puppet, drawn.crops, drawn.placement, drawn.hypotheses, drawn.keyframe
+
+
 INPUTS: dict[str, Callable[[Drawn], tuple[Any, ...]]] = {
     "probe": lambda drawn: (drawn.video,),
     "track": lambda drawn: (drawn.clip, drawn.target),
@@ -133,7 +138,7 @@ INPUTS: dict[str, Callable[[Drawn], tuple[Any, ...]]] = {
     "place": lambda drawn: (drawn.puppet, drawn.crops),
     "search.part": lambda drawn: (drawn.puppet, drawn.crops, drawn.placement, 0.3, np.array([1, 2, 3])),
     "search": lambda drawn: (drawn.pieces(drawn.hypotheses, HYPOTHESES), [2, 3, 0, 1]),
-    "keyframes.part": lambda drawn: (drawn.puppet, drawn.crops, drawn.hypotheses, drawn.keyframe),
+    "keyframes.part": lambda drawn: _keyframes_part(drawn),
     "keyframes": lambda drawn: (drawn.hypotheses, [drawn.followed]),
     "choose": lambda drawn: (drawn.puppet, drawn.crops, drawn.hypotheses),
     "rest": lambda drawn: (drawn.puppet, drawn.crops, drawn.placement),

@@ -131,6 +131,7 @@ _HYPOTHESES_FIELDS = ("crop_from_canvas", "order", "cost")
 def _keyframes_part(
     puppet: Puppet,
     crops: Crops,
+    placement: Float[np.ndarray, "2 3"],
     hypotheses: Hypotheses,
     keyframe: Keyframe,
     settings: SearchSettings,
@@ -138,7 +139,7 @@ def _keyframes_part(
 ) -> Followed:
     from wildpuppet.fit.follow import follow
 
-    return follow(puppet, crops, hypotheses, keyframe, settings, machine)
+    return follow(puppet, crops, placement, hypotheses, keyframe, settings, machine)
 
 
 def _keyframes(hypotheses: Hypotheses, followed: list[Followed], machine: Machine) -> Hypotheses:

@@ -10,11 +10,11 @@ import numpy as np
 
 from wildpuppet.types import Crops, CutOut, JointSpec, Part
 
-CANVAS, SIZE, FRAMES = (96, 96), (128, 112), 13
+CANVAS, SIZE, FRAMES = (96, 96), (112, 96), 9
 SHOULDER, HAND = (48.0, 36.0), (48.0, 78.0)
-PLACE = np.array([[1.0, 0, 16.0], [0, 1.0, 10.0]])
+PLACE = np.array([[1.0, 0, 8.0], [0, 1.0, 4.0]])
 BODY = (90, 150, 230)
-SWING = np.radians(np.concatenate([np.linspace(56, 2, 6), np.linspace(9, 56, 7)]))
+SWING = np.radians([44, 30, 16, 3, 13, 24, 35, 46, 57])
 """Half the angle between the arms."""
 FINE = 2
 

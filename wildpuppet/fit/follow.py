@@ -2,8 +2,8 @@
 
 In the keyframe itself each of the search's poses is brought to the given points (``pose/reach.py``) and descends with
 the points pinned; the one that explains the picture best is the keyframe's pose. From there frame after frame, both
-ways, the pose of the frame before descends on the next picture, coarsely and with whole parts only, until the shot
-ends or a few drawings are done. What comes out is judged as the search judges, so a pose that lost its way costs much.
+ways, the search is asked again with the pose of the frame before to start from, and of what it finds the pose is taken
+that costs and moves least, until the shot ends or a few drawings are done.
 """
 
 from collections.abc import Iterator
@@ -18,28 +18,27 @@ from wildpuppet.fit.pins import Pins, pinned_vertices, pins_of
 from wildpuppet.fit.target import target_at
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
-from wildpuppet.pose.evidence import evidence_of, lab_texture, unexplained_cost
-from wildpuppet.pose.place import pose_vertices, rest_box, size_of
+from wildpuppet.pose.choose import least_movement
+from wildpuppet.pose.place import pose_vertices
 from wildpuppet.pose.reach import reach, similarities
-from wildpuppet.pose.tree import part_areas
-from wildpuppet.render.render import mesh_of
-from wildpuppet.render.texture import texture_at
+from wildpuppet.pose.search import Searcher, search_from, searcher_of
 from wildpuppet.settings import FitSettings, SearchSettings
 from wildpuppet.types import Crops, Followed, Hypotheses, Keyframe, Puppet
 
 FOLLOWED_DRAWINGS = 8
 """How many drawings on each side are given the keyframe's pose; from there the choice over time carries on."""
 DESCENT = FitSettings()
-LEVELS = ((0.25, 16), (0.5, 12))
-"""Crop scale and steps."""
+LEVELS = ((0.25, 16, 2), (0.5, 12, 1))
+"""Crop scale, steps, and how many of the starts go on from there, the best ones."""
 
-Pose = tuple[Float[np.ndarray, "V 2"], Int[np.ndarray, "L"]]
-"""Vertices in crop pixels and layers back to front."""
+Pose = tuple[Float[np.ndarray, "L 2 3"], Int[np.ndarray, "L"]]
+"""Crop from canvas of every part, and layers back to front."""
 
 
 def follow(
     puppet: Puppet,
     crops: Crops,
+    placement: Float[np.ndarray, "2 3"],
     hypotheses: Hypotheses,
     keyframe: Keyframe,
     settings: SearchSettings,
@@ -47,28 +46,29 @@ def follow(
 ) -> Followed:
     """Pose the keyframe and carry it over its drawing and to the drawings around, both ways."""
     torch.set_num_threads(1)
+    searcher = searcher_of(puppet, placement, settings)
     key = int(np.searchsorted(crops.frames, keyframe.frame))
     found = {key: pose_of(puppet, crops, hypotheses, keyframe, key)}
-    is_fixed = {key}
+    cost = {key: float(hypotheses.cost[key, 0])}
     walks = [list(_walk(crops, key, direction)) for direction in (1, -1)]
     for walk in walks:
-        path = [key]
+        before = key
         for frame in walk:
-            before = path[-1]
             if crops.drawing[frame] == crops.drawing[before]:
-                vertices, order = found[before]
-                found[frame] = affine.apply(_between(crops, frame, before), vertices), order
-                is_fixed |= {frame} & set(_drawing_of(crops, key))
+                maps, order = found[before]
+                found[frame], cost[frame] = (affine.compose(_between(crops, frame, before), maps), order), cost[before]
             else:
-                found[frame] = _next_pose(puppet, crops, [found[index] for index in path[-2:]], path[-2:], frame)
-            path.append(frame)
+                found[frame], cost[frame] = _next_pose(searcher, crops, placement, found[before], before, frame)
+            before = frame
             machine.progress(len(found) - 1, sum(map(len, walks)))
-    frames = sorted(found)
-    maps = similarities(puppet, np.stack([found[frame][0] for frame in frames]))
-    order = np.stack([found[frame][1] for frame in frames])
-    pairs = zip(frames, maps, order, strict=True)
-    cost = [_price(puppet, crops, hypotheses, frame, one, its, settings) for frame, one, its in pairs]
-    return Followed(np.array(frames), maps, order, np.array(cost), np.array([frame in is_fixed for frame in frames]))
+    frames = np.array(sorted(found))
+    return Followed(
+        frames,
+        np.stack([found[frame][0] for frame in frames.tolist()]),
+        np.stack([found[frame][1] for frame in frames.tolist()]),
+        np.array([cost[frame] for frame in frames.tolist()]),
+        (crops.drawing[frames] == crops.drawing[key]) & (crops.shot[frames] == crops.shot[key]),
+    )
 
 
 def pose_of(puppet: Puppet, crops: Crops, hypotheses: Hypotheses, keyframe: Keyframe, key: int) -> Pose:
@@ -85,9 +85,7 @@ def pose_of(puppet: Puppet, crops: Crops, hypotheses: Hypotheses, keyframe: Keyf
         maps = np.stack([reach(puppet, one, layers, points, given) for one in maps])
     starts = pinned_vertices(puppet, keyframe, crop_from_video, pose_vertices(puppet, maps))
     pins = pins_of(puppet, [keyframe] * len(starts))
-    vertices, energy = _descended(puppet, crops.images[key : key + 1][0], starts, order, pins)
-    best = int(energy.argmin())
-    return vertices[best], order[best]
+    return _descended(puppet, crops.images[key : key + 1][0], starts, order, pins)
 
 
 def _walk(crops: Crops, key: int, direction: int) -> Iterator[int]:
@@ -101,25 +99,22 @@ def _walk(crops: Crops, key: int, direction: int) -> Iterator[int]:
         frame += direction
 
 
-def _drawing_of(crops: Crops, key: int) -> list[int]:
-    return np.flatnonzero((crops.drawing == crops.drawing[key]) & (crops.shot == crops.shot[key])).tolist()
+def _between(crops: Crops, frame: int, before: int) -> Float[np.ndarray, "1 2 3"]:
+    return affine.compose(affine.invert(crops.video_from_crop[frame]), crops.video_from_crop[before])[None]
 
 
-def _between(crops: Crops, frame: int, before: int) -> Float[np.ndarray, "2 3"]:
-    return affine.compose(affine.invert(crops.video_from_crop[frame]), crops.video_from_crop[before])
-
-
-def _next_pose(puppet: Puppet, crops: Crops, poses: list[Pose], frames: list[int], frame: int) -> Pose:
-    """Descend from the last pose, standing still in the video or in the crop, or moving on as it did."""
-    (last, order), before = poses[-1], frames[-1]
-    starts = [affine.apply(_between(crops, frame, before), last), last]
-    if len(poses) > 1:
-        earlier = affine.apply(_between(crops, frame, frames[-2]), poses[-2][0])
-        starts += [2 * starts[0] - earlier, 2 * last - poses[-2][0]]
-    batch = pose_vertices(puppet, similarities(puppet, np.stack(starts)))
-    orders = np.repeat(order[None], len(starts), 0)
-    vertices, energy = _descended(puppet, crops.images[frame : frame + 1][0], batch, orders, None)
-    return vertices[int(energy.argmin())], order
+def _next_pose(
+    searcher: Searcher, crops: Crops, placement: Float[np.ndarray, "2 3"], last: Pose, before: int, frame: int
+) -> tuple[Pose, float]:
+    """Search from the last pose, standing still in the video or in the crop; give what costs and moves least."""
+    puppet = searcher.puppet
+    starts = [(affine.compose(_between(crops, frame, before), last[0]), last[1]), last]
+    maps, order, cost = search_from(searcher, crops, placement, frame, starts)
+    was, now = pose_vertices(puppet, last[0][None]), pose_vertices(puppet, maps)
+    size = float(np.ptp(was[0], axis=0).max())
+    moved = searcher.settings.time_weight * least_movement(puppet, crops, (before, frame), was, now)[0] / size
+    best = int((cost + moved).argmin())
+    return (maps[best], order[best]), float(cost[best])
 
 
 def _descended(
@@ -128,43 +123,16 @@ def _descended(
     starts: Float[np.ndarray, "B V 2"],
     order: Int[np.ndarray, "B L"],
     pins: Pins | None,
-) -> tuple[Float[np.ndarray, "B V 2"], Float[np.ndarray, "B"]]:
-    """Let poses descend on one picture, whole parts only; give them and their energies."""
+) -> Pose:
+    """Let poses descend on one picture, whole parts only; give the best."""
     current = torch.from_numpy(starts.astype(np.float32))
-    images = np.repeat(image[None], len(starts), 0)
     bones = curvature.Bones(puppet.layer_of_vertex, puppet, DESCENT.hold_scale)
-    energy = torch.zeros(len(starts))
-    for level, steps in LEVELS:
+    for level, steps, num_best in LEVELS:
+        images = np.repeat(image[None], len(current), 0)
         target = target_at(images, level, DESCENT.matte * DESCENT.robust**2)
         problem = make_problem(puppet, target, order, current * level, DESCENT)
         moved = descend(problem, current * level, steps, bones, with_mesh=False, pins=pins)
-        energy, _, _ = energies(problem, moved)
-        current = moved / level
-    return current.numpy().astype(np.float64), energy.numpy()
-
-
-def _price(
-    puppet: Puppet,
-    crops: Crops,
-    hypotheses: Hypotheses,
-    frame: int,
-    crop_from_canvas: Float[np.ndarray, "L 2 3"],
-    order: Int[np.ndarray, "L"],
-    settings: SearchSettings,
-) -> float:
-    """Cost a pose as the search does its own: the best one's cost, and what this one leaves unexplained beyond it.
-
-    The best one descends first: it lies on the search's grid, and would lose to any pose that does not.
-    """
-    image = crops.images[frame : frame + 1][0]
-    best, its_order = hypotheses.crop_from_canvas[frame, 0], hypotheses.order[frame, 0]
-    size = float(np.mean([size_of(one) for one in best]))
-    search_from_crop = settings.box_pixels / max(1.0, float(rest_box(puppet)[2:].max()) * size)
-    evidence = evidence_of(image, search_from_crop)
-    areas = part_areas(puppet) * (size * search_from_crop) ** 2
-    unit = float(np.sqrt(areas / areas.mean()).sum() / areas.sum())
-    rival, _ = _descended(puppet, image, pose_vertices(puppet, best[None]), its_order[None], None)
-    vertices = np.concatenate([rival, pose_vertices(puppet, crop_from_canvas[None])]) * search_from_crop
-    texture = lab_texture(texture_at(puppet, size * search_from_crop))
-    left = unexplained_cost(evidence, vertices, np.stack([its_order, order]), mesh_of(puppet), texture)
-    return float(hypotheses.cost[frame, 0] + unit * (left[1] - left[0]))
+        best = energies(problem, moved)[0].argsort()[:num_best]
+        current, order = (moved / level)[best], order[best.numpy()]
+        pins = None if pins is None else Pins(pins.allowed[best])
+    return similarities(puppet, current[0].numpy()), order[0]

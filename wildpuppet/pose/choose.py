@@ -48,7 +48,7 @@ def _pick_over_time(
         index = np.flatnonzero(crops.shot == shot)
         starts = index[np.r_[True, np.diff(crops.drawing[index]) != 0]]
         steps = [
-            settings.time_weight * _least_movement(puppet, crops, (a, b), vertices_at(a), vertices_at(b)) / size
+            settings.time_weight * least_movement(puppet, crops, (a, b), vertices_at(a), vertices_at(b)) / size
             for a, b in pairwise(starts.tolist())
         ]
         path = best_path(hypotheses.cost[starts], steps)
@@ -61,7 +61,7 @@ def _between(crops: Crops, a: int, b: int) -> Float[np.ndarray, "2 3"]:
     return affine.compose(affine.invert(crops.video_from_crop[b]), crops.video_from_crop[a])
 
 
-def _least_movement(
+def least_movement(
     puppet: Puppet,
     crops: Crops,
     frames: tuple[int, int],

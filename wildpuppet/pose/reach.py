@@ -1,7 +1,7 @@
 """Parts put where given points say, their chains following: inverse kinematics by least squares.
 
 Every part keeps its size and is turned and shifted from where it stands. Points weigh most, then hinges, then staying
-where it was; so a hand that is given pulls its arm along, and what has nothing to do with it stays.
+where it was, large parts more than small ones; so a hand that is given pulls its arm along rather than the body.
 """
 
 import numpy as np
@@ -9,10 +9,11 @@ from jaxtyping import Float, Int
 from scipy.optimize import least_squares
 
 from wildpuppet.geometry import affine
+from wildpuppet.pose.tree import part_areas
 from wildpuppet.types import Puppet
 
-# Weights of residuals, each a share of the character's size or radians.
-POINT, HINGE, STAY, KEEP_ANGLE = 100.0, 10.0, 0.3, 0.1
+# Weights of residuals, each a share of the character's size.
+POINT, HINGE, STAY = 100.0, 10.0, 0.5
 MOST_ROUNDS = 40
 
 
@@ -29,6 +30,9 @@ def reach(
     pivots = affine.apply(maps, centres[:, None])[:, 0]
     hinges = (puppet.vertices[puppet.joint_vertices] * puppet.joint_weights[..., None]).sum(-2).astype(np.float64)
     size = max(float(np.ptp(pivots, axis=0).max()), 1.0)
+    areas = part_areas(puppet)
+    radii = np.sqrt(areas * np.abs(np.linalg.det(maps[:, :, :2])) / np.pi) / size
+    stay = STAY * (areas / areas.mean())[:, None] * np.stack([radii, np.ones(len(maps)), np.ones(len(maps))], 1)
 
     def posed(moves: Float[np.ndarray, " M"]) -> Float[np.ndarray, "L 2 3"]:
         table = moves.reshape(-1, 3)
@@ -41,9 +45,7 @@ def reach(
         off = affine.apply(now[layers], points_canvas[:, None])[:, 0] - points_crop
         sides = affine.apply(now[puppet.joint_layers], hinges[:, :, None])[:, :, 0]
         gaps = (sides[:, 0] - sides[:, 1]) / size
-        return np.concatenate(
-            [POINT / size * off.ravel(), HINGE * gaps.ravel(), STAY * table[:, 1:].ravel(), KEEP_ANGLE * table[:, 0]]
-        )
+        return np.concatenate([POINT / size * off.ravel(), HINGE * gaps.ravel(), (stay * table).ravel()])
 
     found = least_squares(residuals, np.zeros(3 * len(maps)), method="trf", max_nfev=MOST_ROUNDS)
     return posed(found.x)

@@ -87,8 +87,7 @@ def search(
     expected in the first of ``frames`` (``size_after`` chains chunks).
     A frame that shows the drawing of the frame solved before it repeats that frame's poses.
     """
-    search_scale = settings.box_pixels / max(1.0, float(rest_box(puppet)[2:].max()) * size_of(placement))
-    searcher = Searcher(puppet, settings, search_scale)
+    searcher = searcher_of(puppet, placement, settings)
     expected = _expected_steps(searcher, crops, placement)
     step = searcher.size_step(size)
     found: list[tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]] = []
@@ -120,6 +119,26 @@ def search(
         np.stack([order for _, order, _ in found]),
         np.stack([cost for _, _, cost in found]),
     )
+
+
+def searcher_of(puppet: Puppet, placement: Float[np.ndarray, "2 3"], settings: SearchSettings) -> Searcher:
+    """Prepare the search; ``placement`` (crop from canvas) says how large the puppet is seen."""
+    search_scale = settings.box_pixels / max(1.0, float(rest_box(puppet)[2:].max()) * size_of(placement))
+    return Searcher(puppet, settings, search_scale)
+
+
+def search_from(
+    searcher: Searcher,
+    crops: Crops,
+    placement: Float[np.ndarray, "2 3"],
+    frame: int,
+    starts: list[tuple[Float[np.ndarray, "L 2 3"], Int[np.ndarray, "L"]]],
+) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]:
+    """Search one frame again with poses (crop from canvas, order) to start from, at the size of the first."""
+    size = float(np.mean([size_of(one) for one in starts[0][0]]))
+    expected = int(_expected_steps(searcher, crops, placement)[frame])
+    image = crops.images[frame : frame + 1][0]
+    return _search_one(searcher, image, searcher.size_step(size), expected, starts, fixed_size=True)[:3]
 
 
 def size_after(hypotheses: Hypotheses) -> float:
