@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 
 from wildpuppet.errors import PuppetError
-from wildpuppet.puppet.folder import read_cutout
 from wildpuppet.puppet.coverage import polygon_coverage
+from wildpuppet.puppet.folder import read_cutout
 from wildpuppet.puppet.imports.labelme import read_outlines
-from wildpuppet.puppet.outlines import Outline, Outlines, cutout_from_outlines
+from wildpuppet.puppet.outlines import Outline, Outlines, Stencil, cutout_from_outlines
 from wildpuppet.types import JointSpec
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -186,3 +186,16 @@ def test_example_puppets_are_what_their_outlines_say(name: str) -> None:
     for part, other in zip(found.parts, expected.parts, strict=True):
         # One grey level: blurs may round differently on another processor.
         assert np.abs(part.rgba.astype(int) - other.rgba).max() <= 1
+
+
+def test_a_part_of_several_rings_and_one_given_as_a_mask(frame: np.ndarray) -> None:
+    hole = np.array([(25.0, 25.0), (35.0, 25.0), (35.0, 35.0), (25.0, 35.0)])
+    body = Outline("body", BODY, (hole,))
+    mask = np.zeros(frame.shape[:2], bool)
+    mask[40:60, 60:110] = True
+    parts = cutout_from_outlines(frame, Outlines((body, Stencil("arm", mask)))).parts
+    assert (parts[0].rgba[25:35, 25:35, 3] == 0).all()
+    assert (parts[0].rgba[40:60, 60:80] == (*BLUE, 255)).all()
+    assert np.array_equal(parts[1].rgba[..., 3], 255 * mask)
+    with pytest.raises(PuppetError, match="its mask is 120x90, the frame is 120x100"):
+        cutout_from_outlines(frame, Outlines((Stencil("arm", mask[:90]),)))
