@@ -27,7 +27,7 @@ def commands(block: str) -> list[list[str]]:
     return [shlex.split(part) for line in block.splitlines() for part in line.split("&&")]
 
 
-MAIN_JOB, TEST_COMMAND, AFTERWARDS, OTHERS, PUPPETS = blocks("sh")
+MAIN_JOB, TEST_COMMAND, AFTERWARDS, OTHERS, EXPORTS, PUPPETS = blocks("sh")
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +80,14 @@ def test_a_puppet_is_cut_out_as_written(workplace: Path) -> None:
     told = run_installed(commands(PUPPETS)[1], workplace)
     assert "11 parts on 720 x 536" in told
     assert (workplace / "outlined" / "puppet.json").is_file()
+
+
+def test_exports_leave_what_the_readme_names(workplace: Path) -> None:
+    for words in commands(EXPORTS):
+        run_installed(words, workplace)
+    named = set(re.findall(r"`(files/[^`]*)`", README))
+    assert named
+    assert all((workplace / path).exists() for path in named)
 
 
 @pytest.mark.parametrize("words", [*commands(OTHERS), *commands(PUPPETS)], ids=shlex.join)

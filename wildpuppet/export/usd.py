@@ -88,7 +88,7 @@ class Scene:
         steps, before = stepped(self.animation), ""
         last: list[Float32[np.ndarray, "n 3"]] = []
         for frame, code, is_step in zip(self.animation, self.codes, steps, strict=True):
-            now = [places(piece, frame, self.units) for piece in self.pieces]
+            now = [_shown(places(piece, frame, self.units), frame.is_visible) for piece in self.pieces]
             for (points_of, extent_of), values, old in zip(points, now, last or now, strict=True):
                 if is_step:
                     _set_points(points_of, extent_of, old, code - STEP)
@@ -195,6 +195,11 @@ class Scene:
         camera.CreateClippingRangeAttr(Gf.Vec2f(0.9 * distance, 1.1 * distance))
 
 
+def _shown(values: Float32[np.ndarray, "n 3"], is_visible: bool) -> Float32[np.ndarray, "n 3"]:
+    """Shrink a lost character's meshes to points: Blender takes no notice of visibility that changes."""
+    return values if is_visible else np.broadcast_to(values.mean(0), values.shape).copy()
+
+
 def _set_points(points: Any, extent: Any, values: Float32[np.ndarray, "n 3"], code: float) -> None:
     from pxr import Vt
 
@@ -211,7 +216,7 @@ def _read_back(animation: Animation, path: Path, scene: Scene) -> PositionError:
 
     def distances() -> Iterator[Float32[np.ndarray, "n"]]:
         for frame, code in zip(animation, scene.codes, strict=True):
-            for piece, attribute in zip(scene.pieces, points, strict=True):
+            for piece, attribute in zip(scene.pieces, points, strict=True) if frame.is_visible else ():
                 flat = np.array(attribute.Get(code))[:, :2] / (scene.units, -scene.units)
                 yield np.linalg.norm(flat - frame.vertices[piece.vertices], axis=1).astype(np.float32)
 
