@@ -21,6 +21,7 @@ from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
 from wildpuppet import atomic
 from wildpuppet.export.meshes import unit_uv, vertices_video, write_atlas
+from wildpuppet.export.pieces import facing_eye
 from wildpuppet.export.whole import whole_file
 from wildpuppet.machine import Progress, silent
 from wildpuppet.types import Crops, Fit, Puppet
@@ -76,7 +77,7 @@ def _scene(
     material: PBRMaterial | SimpleMaterial,
 ) -> trimesh.Scene:
     scene = trimesh.Scene()
-    triangles = _facing_up(puppet)
+    triangles = facing_eye(puppet)
     texture = unit_uv(puppet) * [1.0, -1.0] + [0.0, 1.0]  # trimesh counts v upwards and turns it for glTF
     for rank, layer in enumerate(order):
         mine = np.flatnonzero(puppet.layer_of_vertex == layer)
@@ -87,14 +88,6 @@ def _scene(
         name = puppet.names[int(layer)]
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     return scene
-
-
-def _facing_up(puppet: Puppet) -> Int[np.ndarray, "F 3"]:
-    """Order each triangle's corners so that it is counter-clockwise at rest once y points up."""
-    a, b, c = (puppet.vertices[puppet.triangles[:, k]] for k in range(3))
-    first, second = b - a, c - a
-    clockwise_up = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] > 0
-    return np.where(clockwise_up[:, None], puppet.triangles[:, ::-1], puppet.triangles)
 
 
 def _glb(scene: trimesh.Scene) -> bytes:

@@ -8,15 +8,13 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Int, UInt8
 
+from wildpuppet.export.timing import DRAWINGS_RATE
 from wildpuppet.types import Clip, Images
 from wildpuppet.video.drawings import read_drawings
 from wildpuppet.video.read import FrameReader
 from wildpuppet.video.write import constant_times
 
 Picture = UInt8[np.ndarray, "H W 3"]
-
-DRAWINGS_RATE = Fraction(4)
-"""Drawings per second in a preview: they have no times of their own, and a person wants to look at each."""
 
 
 @runtime_checkable
