@@ -1,29 +1,33 @@
 """DragonBones: the published runtime plays the files, and what it shows is what we have."""
 
 import json
+from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from tests.export.moving import FIRST, HELD, LOST, SHOT, moving
+from tests.export.moving import FIRST, HELD, LOST, NUM_FRAMES, SHOT, moving
 from tests.node.client import require, run_node
 from wildpuppet.errors import InputError
 from wildpuppet.export import dragonbones
 from wildpuppet.export.export import export
 from wildpuppet.export.formats import format_of
 from wildpuppet.export.options import Options
+from wildpuppet.export.timing import timing_of
+from wildpuppet.geometry.affine import apply, similarity
 from wildpuppet.machine import silent
 
 PIXELS = 1e-3
 """Coordinates are written to 4 decimals and played in 32-bit floats."""
-LARGE_PIXELS = 1e-2
-"""The same for coordinates of thousands of pixels."""
+TURN = 1e-6
+"""Of a bone's axis: turns are written to millionths of a degree, sizes to 8 decimals."""
 
 
-def played(folder, stem="hero_run"):
+def played(folder, *more):
     require("@cocos/dragonbones-js")
-    return run_node("dragonbones.mjs", str(folder), stem)
+    return run_node("dragonbones.mjs", str(folder), "hero_run", *more)
 
 
 def frames_of(tree, kind="frames"):
@@ -37,7 +41,7 @@ def world():
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory, world):
-    return played(export(world.animation, format_of("dragonbones"), tmp_path_factory.mktemp("out")))
+    return played(export(world.animation, format_of("dragonbones"), tmp_path_factory.mktemp("out")), "between")
 
 
 def test_the_runtime_shows_every_corner_texel_and_order(world, tree):
@@ -54,13 +58,16 @@ def test_the_runtime_shows_every_corner_texel_and_order(world, tree):
             assert np.array_equal(triangles, puppet.triangles[puppet.layer_of_triangle == layer])
 
 
-def test_bones_are_the_hinges(world, tree):
+def test_bones_hang_on_the_hinges_and_turn_with_their_parts(world, tree):
     puppet = world.puppet
     for t, frame in enumerate(frames_of(tree)):
-        corners = world.vertices(t if t != LOST else LOST - 1)[puppet.joint_vertices[0]]
-        if t != LOST:
-            middle = np.einsum("kcd,kc->kd", corners, puppet.joint_weights[0]).mean(0)
-            assert np.abs(np.array(frame["bones"]["body_to_arm"]) - middle).max() < PIXELS
+        if t == LOST:
+            continue
+        corners = world.vertices(t)[puppet.joint_vertices[0]]
+        hinge = np.einsum("kcd,kc->kd", corners, puppet.joint_weights[0]).mean(0)
+        assert np.abs(np.array(frame["bones"]["arm"][:2]) - hinge).max() < PIXELS
+        for name, turned in zip(puppet.names, world.maps[t], strict=True):
+            assert np.abs(np.array(frame["bones"][name][2:]) - turned[:, 0]).max() < TURN
 
 
 def test_a_held_drawing_is_stepped_and_others_glide(world, tree):
@@ -72,8 +79,10 @@ def test_a_held_drawing_is_stepped_and_others_glide(world, tree):
     exact = frames_of(tree)
     held = (body(HELD - 1, exact) + body(HELD, exact)) / 2  # the window glides under the drawing
     assert np.abs(body(HELD - 1, between) - held).max() < PIXELS
-    glide = (body(0, exact) + body(1, exact)) / 2
-    assert np.abs(body(0, between) - glide).max() < PIXELS
+    rest = world.puppet.vertices[world.puppet.layer_of_vertex == 0]
+    first, second = (world.vertices(t)[world.puppet.layer_of_vertex == 0].mean(0) for t in (0, 1))
+    half_way = similarity(np.array(1.01), np.array(0.025), (first + second) / 2)  # it turns, not shrinks, on the way
+    assert np.abs(body(0, between) - apply(half_way, rest - rest.mean(0))).max() < PIXELS
     assert np.abs(body(SHOT - 1, between) - body(SHOT - 1, exact)).max() < PIXELS  # nothing glides over a cut
 
 
@@ -88,16 +97,20 @@ def test_shots_are_animations_and_the_manifest_says_what_is_lost(tmp_path, world
     assert all((again / file.name).read_bytes() == file.read_bytes() for file in folder.iterdir())
 
 
-def test_long_clips_are_cut_where_the_runtimes_numbers_end(tmp_path):
-    long = moving(1300)
-    dragonbones.write(long.animation, tmp_path, Options(), silent)
+def test_long_clips_are_cut_where_the_runtimes_numbers_end(tmp_path, world):
+    again = np.arange(1300) % NUM_FRAMES
+    names = ("vertices_crop", "video_from_crop", "order", "confidence")
+    arrays = {name: getattr(world.animation, name)[again] for name in names}
+    arrays |= {"frames": np.arange(1300), "shot": np.zeros(1300, np.int64)}
+    state = tuple(world.animation.state[t] for t in again)
+    times = timing_of(1300, (np.arange(1300) * 1001, Fraction(1, 24000)))
+    dragonbones.write(replace(world.animation, **arrays, state=state, timing=times), tmp_path, Options(), silent)
     tree = played(tmp_path)
-    assert len(tree["animations"]) == 3  # two shots, the second one too long for 16 bits
-    frames = frames_of(tree)
-    for t in (0, 5, 640, 652, 653, 660, 1299):
-        mine = long.puppet.layer_of_vertex == 1
-        expected = long.vertices(t)[mine]
-        assert np.abs(np.array(frames[t]["meshes"]["arm"]["vertices"]) - expected).max() < LARGE_PIXELS
+    assert len(tree["animations"]) == 2  # too long for 16 bits
+    for t, frame in enumerate(frames_of(tree)):
+        for layer, name in enumerate(world.puppet.names) if again[t] != LOST else ():
+            expected = world.vertices(again[t])[world.puppet.layer_of_vertex == layer]
+            assert np.abs(np.array(frame["meshes"][name]["vertices"]) - expected).max() < PIXELS
 
 
 def test_a_mesh_that_the_format_cannot_number_is_refused(tmp_path, world, monkeypatch):

@@ -1,5 +1,5 @@
 // Plays an exported skeleton in the DragonBones runtime and prints, as JSON, what stands where in every frame.
-// node dragonbones.mjs FOLDER STEM
+// node dragonbones.mjs FOLDER STEM [between: half-way from frame to frame as well]
 import fs from "node:fs";
 import path from "node:path";
 import * as db from "@cocos/dragonbones-js";
@@ -7,7 +7,7 @@ import * as db from "@cocos/dragonbones-js";
 console.log = console.info = console.error; // the runtime greets; only JSON goes to stdout
 db.DragonBones.yDown = true; // as its runtimes for Pixi, Egret and Phaser set it
 
-const [folder, stem] = process.argv.slice(2);
+const [folder, stem, between] = process.argv.slice(2);
 const read = (name) => JSON.parse(fs.readFileSync(path.join(folder, name), "utf8"));
 
 class Texture extends db.TextureData {
@@ -96,7 +96,8 @@ const at = (name, seconds) => {
     meshes: Object.fromEntries(slots.filter((slot) => slot.displayIndex >= 0).map((slot) => [slot.name, meshOf(slot)])),
     bones: Object.fromEntries(armature.getBones().map((bone) => {
       bone.updateGlobalTransform();
-      return [bone.name, [bone.global.x, bone.global.y]];
+      const map = bone.globalTransformMatrix; // where it is and its x axis
+      return [bone.name, [map.tx, map.ty, map.a, map.b]];
     })),
   };
 };
@@ -107,7 +108,7 @@ const animations = armature.armatureData.animationNames.map((name) => {
   return {
     name, duration: data.duration,
     frames: frames.map((frame) => at(name, (frame + 1e-6) / rate)),
-    between: frames.map((frame) => at(name, (frame + 0.5) / rate)),
+    between: between ? frames.map((frame) => at(name, (frame + 0.5) / rate)) : [],
   };
 });
 process.stdout.write(JSON.stringify({ rate: armature.armatureData.frameRate, animations }));

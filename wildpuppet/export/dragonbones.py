@@ -1,8 +1,9 @@
 """DragonBones 5.5: NAME_ske.json, NAME_tex.json, NAME_tex.png; y down, as in the video.
 
-Bones: ``window``, which follows the character through the picture, and under it one per hinge, to hang things on. One
-slot per part with a mesh whose corners move by ``ffd`` keys, a draw-order timeline, and a display timeline that hides
-the puppet where the character is lost. At rest the puppet stands as it was drawn, in canvas pixels.
+Bones: ``window``, which follows the character through the picture, and under it one per part, each hung on its hinge
+(``export/bones.py``). One slot per part on its bone, with a mesh whose bending is in ``ffd`` keys, a draw-order
+timeline, and a display timeline that hides the puppet where the character is lost. At rest the puppet stands as it was
+drawn, in canvas pixels.
 
 The runtimes index a timeline's numbers with 16 bits. An animation whose numbers would not fit is cut into parts that
 play one after the other; so are shots.
@@ -18,12 +19,13 @@ from PIL import Image
 
 from wildpuppet.errors import InputError
 from wildpuppet.export.animation import Animation
+from wildpuppet.export.bones import ROOT, Bone, Skeleton, bent, skeleton_of, written_error
 from wildpuppet.export.json_stream import write_json
-from wildpuppet.export.keys import Joint, Key, Segment, joints, keys, segments, shown_poses, unique
+from wildpuppet.export.keys import Key, Segment, keys, segments, shown_poses, unique
 from wildpuppet.export.manifest import Manifest
 from wildpuppet.export.naming import file_names
 from wildpuppet.export.options import Options
-from wildpuppet.export.rig import MeshPart, mesh_parts, written_error
+from wildpuppet.export.rig import MeshPart, mesh_parts
 from wildpuppet.machine import Progress
 
 MOST_NUMBERS = 2**16 - 1
@@ -38,16 +40,16 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
     if len(animation.puppet.vertices) > MOST_CORNERS:
         raise InputError(f"DragonBones holds {MOST_CORNERS} mesh corners, found {len(animation.puppet.vertices)}")
     stem = file_names([animation.name])[0]
-    parts = mesh_parts(animation.puppet)
-    cut = segments(animation, _most_frames(parts, len(animation.puppet.joint_layers)))
+    rig = _Rig(animation, mesh_parts(animation.puppet), skeleton_of(animation))
+    cut = segments(animation, _most_frames(rig.parts))
     Image.fromarray(animation.puppet.atlas).save(folder / f"{stem}_tex.png")
     with (folder / f"{stem}_tex.json").open("w", encoding="utf-8") as file:
-        write_json(file, _textures(animation, parts, stem))
+        write_json(file, _textures(animation, rig.parts, stem))
     with (folder / f"{stem}_ske.json").open("w", encoding="utf-8") as file:
-        write_json(file, _skeleton(animation, parts, cut, stem, progress))
-    said = tuple(_left_out(animation, cut))
-    axes = "x right, y down, pixels"
-    return Manifest("top left corner of the picture", axes, 0, 1.0, said, written_error(animation))
+        write_json(file, rig.tree(stem, cut, progress))
+    said, axes = tuple(_left_out(animation, cut)), "x right, y down, pixels"
+    error = written_error(rig.skeleton, animation, rig.parts)
+    return Manifest("top left corner of the picture", axes, 0, 1.0, said, error)
 
 
 def _left_out(animation: Animation, cut: Sequence[Segment]) -> Iterator[str]:
@@ -65,15 +67,15 @@ def _number(animation: Animation, segment: Segment) -> str:
     return f"{animation.frames[segment.start]} to {animation.frames[segment.end - 1]}"
 
 
-def _most_frames(parts: Sequence[MeshPart], num_hinges: int) -> int:
+def _most_frames(parts: Sequence[MeshPart]) -> int:
     """Frames of an animation that the 16 bits hold, at the worst a key each.
 
-    Two tables are indexed: one of numbers (six for the window, two per hinge, the meshes' offsets; the last mesh, which
-    is the largest, may reach beyond) and one of keys (two entries each; draw order takes one per slot).
+    Two tables are indexed: one of numbers (six for the window and for every bone, the meshes' offsets; the last mesh,
+    which is the largest, may reach beyond) and one of keys (two entries each; draw order takes one per slot).
     """
     corners = [len(part.vertices) for part in parts]
-    numbers = 6 + 2 * num_hinges + 2 * (sum(corners) - max(corners))
-    entries = 2 * (3 + num_hinges + 2 * len(parts)) + 2 + len(parts)
+    numbers = 6 * (1 + len(parts)) + 2 * (sum(corners) - max(corners))
+    entries = 2 * (3 + 5 * len(parts)) + 2 + len(parts)
     return max(2, MOST_NUMBERS // max(numbers, entries))
 
 
@@ -87,74 +89,87 @@ def _textures(animation: Animation, parts: Sequence[MeshPart], stem: str) -> dic
     return {"name": stem, "imagePath": f"{stem}_tex.png", "width": width, "height": height, "SubTexture": regions}
 
 
-def _skeleton(
-    animation: Animation, parts: Sequence[MeshPart], cut: Sequence[Segment], stem: str, progress: Progress
-) -> dict[str, Any]:
-    rate, hinges = round(animation.timing.rate), joints(animation)
-    names = unique([hinge.name for hinge in hinges], ["root", WINDOW])
-    width, height = animation.size
-    bones: list[dict[str, Any]] = [{"name": "root"}, {"name": WINDOW, "parent": "root"}]
-    bones += [
-        {"name": name, "parent": WINDOW, "transform": {"x": round(float(x), 4), "y": round(float(y), 4)}}
-        for name, (x, y) in zip(names, (hinge.rest for hinge in hinges), strict=True)
-    ]
-    armature = {
-        "type": "Armature", "frameRate": rate, "name": stem,
-        "aabb": {"x": 0, "y": 0, "width": width, "height": height},
-        "bone": bones,
-        "slot": [{"name": part.name, "parent": WINDOW} for part in parts],
-        "skin": [{"name": "default", "slot": [{"name": part.name, "display": [_mesh(part)]} for part in parts]}],
-        "animation": (_animation(animation, parts, hinges, names, each, progress) for each in cut),
-        "defaultActions": [{"gotoAndPlay": cut[0].name}],
-    }  # fmt: skip
-    return {"frameRate": rate, "name": stem, "version": "5.5", "compatibleVersion": "5.5", "armature": [armature]}
-
-
-def _mesh(part: MeshPart) -> dict[str, Any]:
+def _mesh(part: MeshPart, rest: Float[np.ndarray, "2"]) -> dict[str, Any]:
     uv = np.round(part.uv, 7).ravel().tolist()
     return {
         "type": "mesh", "name": part.name, "width": part.window.width, "height": part.window.height,
-        "vertices": part.vertices, "uvs": uv, "triangles": part.triangles, "edges": part.edges, "userEdges": [],
+        "vertices": part.vertices - rest, "uvs": uv, "triangles": part.triangles, "edges": part.edges, "userEdges": [],
     }  # fmt: skip
 
 
-def _animation(
-    animation: Animation,
-    parts: Sequence[MeshPart],
-    hinges: Sequence[Joint],
-    names: Sequence[str],
-    segment: Segment,
-    progress: Progress,
-) -> dict[str, Any]:
-    poses, visible = shown_poses(animation), animation.is_visible.tolist()
-    shown = [{"duration": key.duration, "value": 0 if visible[key.at] else -1} for key in keys(visible, segment)]
-    moved = [
-        {"name": name, "translateFrame": _carried(hinge, poses, segment)}
-        for name, hinge in zip(names, hinges, strict=True)
-    ]
+class _Rig:
+    """Writes one armature."""
 
-    def deformed() -> Iterator[dict[str, Any]]:
-        for done, part in enumerate(sorted(parts, key=lambda part: len(part.vertices)), 1):
-            frames = _deformed(animation, part, segment, poses)
-            yield {"name": part.name, "slot": part.name, "skin": "default", "frame": frames}
-            progress(segment.start + (segment.end - segment.start) * done // len(parts), len(animation))
+    def __init__(self, animation: Animation, parts: Sequence[MeshPart], skeleton: Skeleton) -> None:
+        self._animation, self.parts, self.skeleton = animation, parts, skeleton
+        self._names = unique([part.name for part in parts], ["root", WINDOW])
+        self._poses = shown_poses(animation)
 
-    return {
-        "duration": segment.end - segment.start, "playTimes": 1, "name": segment.name,
-        "zOrder": {"frame": _orders(animation, segment)},
-        "bone": [_window(animation, segment), *moved],
-        "slot": [{"name": part.name, "displayFrame": shown} for part in parts],
-        "ffd": deformed(),
-    }  # fmt: skip
+    def tree(self, stem: str, cut: Sequence[Segment], progress: Progress) -> dict[str, Any]:
+        """Give the whole file; the animations are made as they are written."""
+        rate, (width, height) = round(self._animation.timing.rate), self._animation.size
+        rests = [self.skeleton.of(layer).rest for layer in range(len(self.parts))]
+        shapes = [
+            {"name": part.name, "display": [_mesh(part, rest)]} for part, rest in zip(self.parts, rests, strict=True)
+        ]
+        armature = {
+            "type": "Armature", "frameRate": rate, "name": stem,
+            "aabb": {"x": 0, "y": 0, "width": width, "height": height},
+            "bone": [{"name": "root"}, {"name": WINDOW, "parent": "root"}, *self._bones()],
+            "slot": [{"name": part.name, "parent": name} for part, name in zip(self.parts, self._names, strict=True)],
+            "skin": [{"name": "default", "slot": shapes}],
+            "animation": (self._motion(each, progress) for each in cut),
+            "defaultActions": [{"gotoAndPlay": cut[0].name}],
+        }  # fmt: skip
+        return {"frameRate": rate, "name": stem, "version": "5.5", "compatibleVersion": "5.5", "armature": [armature]}
 
+    def _bones(self) -> Iterator[dict[str, Any]]:
+        for bone in self.skeleton.bones:
+            parent = WINDOW if bone.parent == ROOT else self._names[bone.parent]
+            place = _place(self.skeleton.from_parent(bone))
+            yield {"name": self._names[bone.layer], "parent": parent, "transform": place}
 
-def _carried(hinge: Joint, poses: Sequence[int], segment: Segment) -> list[dict[str, Any]]:
-    return [_step(key) | _place(hinge.crop[_at(poses, key)] - hinge.rest) for key in keys(poses, segment)]
+    def _motion(self, segment: Segment, progress: Progress) -> dict[str, Any]:
+        animation, visible = self._animation, self._animation.is_visible.tolist()
+        posed = list(keys(self._poses, segment))
+        shown = [{"duration": key.duration, "value": 0 if visible[key.at] else -1} for key in keys(visible, segment)]
 
+        def bent_parts() -> Iterator[dict[str, Any]]:
+            for done, part in enumerate(sorted(self.parts, key=lambda part: len(part.vertices)), 1):
+                frames = self._bent(part, posed)
+                yield {"name": part.name, "slot": part.name, "skin": "default", "frame": frames}
+                progress(segment.start + (segment.end - segment.start) * done // len(self.parts), len(animation))
 
-def _at(poses: Sequence[int], key: Key) -> int:
-    """Find a frame index that has the key's pose: where the character is lost, the frame before it."""
-    return poses.index(poses[key.at])
+        return {
+            "duration": segment.end - segment.start, "playTimes": 1, "name": segment.name,
+            "zOrder": {"frame": _orders(animation, segment)},
+            "bone": [_window(animation, segment), *(self._moved(bone, posed) for bone in self.skeleton.bones)],
+            "slot": [{"name": part.name, "displayFrame": shown} for part in self.parts],
+            "ffd": bent_parts(),
+        }  # fmt: skip
+
+    def _drawn_at(self, key: Key) -> int:
+        """Find a frame index that has the key's pose: where the character is lost, the frame before it."""
+        return self._poses.index(self._poses[key.at])
+
+    def _moved(self, bone: Bone, posed: Sequence[Key]) -> dict[str, Any]:
+        """Key a bone: what it does beyond how it rests."""
+        degrees, scale, shift = (each[bone.layer] for each in (self.skeleton.degrees, self.skeleton.scale,
+                                                                self.skeleton.shift))  # fmt: skip
+        rest, rows = self.skeleton.from_parent(bone), [(_step(key), self._drawn_at(key)) for key in posed]
+        return {
+            "name": self._names[bone.layer],
+            "translateFrame": [step | _place(shift[t] - rest) for step, t in rows],
+            "rotateFrame": [step | {"rotate": round(float(degrees[t]), 6)} for step, t in rows],
+            "scaleFrame": [step | {"x": float(scale[t]), "y": float(scale[t])} for step, t in rows],
+        }
+
+    def _bent(self, part: MeshPart, posed: Sequence[Key]) -> Iterator[dict[str, Any]]:
+        for key in posed:
+            yield _step(key) | {
+                "offset": 0,
+                "vertices": bent(self.skeleton, self._animation, part, self._drawn_at(key)),
+            }
 
 
 def _step(key: Key) -> dict[str, Any]:
@@ -164,12 +179,6 @@ def _step(key: Key) -> dict[str, Any]:
 
 def _place(offset: Float[np.ndarray, "2"]) -> dict[str, float]:
     return {"x": round(float(offset[0]), 4), "y": round(float(offset[1]), 4)}
-
-
-def _deformed(animation: Animation, part: MeshPart, segment: Segment, poses: Sequence[int]) -> Iterator[dict[str, Any]]:
-    for key in keys(poses, segment):
-        moved = animation.vertices_crop[_at(poses, key)][part.corners].astype(np.float64) - part.vertices
-        yield _step(key) | {"offset": 0, "vertices": moved}
 
 
 def _orders(animation: Animation, segment: Segment) -> list[dict[str, Any]]:
