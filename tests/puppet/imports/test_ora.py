@@ -54,6 +54,7 @@ def test_layers_come_back_to_front_with_offsets_of_nested_stacks_added_up(tmp_pa
     for part, drawn in zip(found.cutout.parts, (TORSO, ARM, HAND), strict=True):
         assert_same_picture(part.rgba, drawn.on_canvas())
     assert any("'torso' was blended by svg:multiply" in note for note in found.notes)
+    assert any("stacks have offsets" in note for note in found.notes)
 
 
 def test_opacity_multiplies_and_hidden_stacks_hide(tmp_path: Path) -> None:

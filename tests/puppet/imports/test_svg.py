@@ -94,6 +94,15 @@ def test_figmas_pictures_are_no_parts(tmp_path: Path) -> None:
     assert drawing.notes == ["'rect' shows a picture and is left out"]
 
 
+def test_shapes_without_names_are_told(tmp_path: Path) -> None:
+    """Inkscape's "plain SVG" drops the labels."""
+    Image.new("RGB", SIZE).save(tmp_path / "frame.png")
+    path = saved(tmp_path, '<g id="g1"><path id="path1" d="M0 0H90V9Z"/><path id="path2" d="M20 20H90V90Z"/></g>')
+    drawn = drawn_svg(path, tmp_path / "frame.png")
+    assert [part.name for part in drawn.outlines.parts] == ["part", "part 2"]
+    assert "no shape bears a name" in drawn.notes[0]
+
+
 def test_a_piece_with_a_hole_keeps_it_beside_other_pieces(tmp_path: Path) -> None:
     inside = """<g id="arm"><path fill-rule="evenodd" d="M 0 0 H 40 V 40 H 0 Z M 10 10 H 30 V 30 H 10 Z"/>
       <path d="M 50 0 V 20 H 60 V 0 Z"/></g><path id="leg" d="M 90 0 h 5 v 5 h -5 z"/>"""

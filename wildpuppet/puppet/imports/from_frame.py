@@ -46,6 +46,8 @@ def drawn_svg(path: Path, frame: Path | None) -> Drawn:
     drawing = svg.read_drawing(path)
     rgb = _required(_frame(frame) if frame else svg.linked_frame(drawing, path), path)
     outlines = svg.outlines_of(drawing, (rgb.shape[1], rgb.shape[0]), path)
+    if not any(found.name or found.group for found in drawing.found):
+        drawing.notes.append("no shape bears a name; name each (in Inkscape its label), and save as Inkscape SVG")
     return Drawn(rgb, outlines, tuple(drawing.notes))
 
 

@@ -55,6 +55,8 @@ def _read_archive(archive: zipfile.ZipFile, where: str, merge_groups: bool) -> I
     found = list(_layers(stack, _Place(), (), where))
     require_canvas(canvas, len(found), where)
     notes: list[str] = []
+    if any(number(each.get(axis) or "0", where) for each in stack.iter("stack") for axis in ("x", "y")):
+        notes.append("stacks have offsets: they are added to their layers', as the specification asks (Krita does not)")
     layers: list[Layer] = []
     total = 0
     for element, place, groups in reversed(found):
