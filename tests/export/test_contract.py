@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.export.moving import FIRST, moving
+from wildpuppet.errors import StoreError
 from wildpuppet.export.export import export
 from wildpuppet.export.formats import FORMATS
 from wildpuppet.export.timing import timing_of
@@ -67,3 +68,18 @@ def test_any_animation_is_written(tmp_path, each, name):
 def test_the_same_animation_gives_the_same_files(tmp_path, each):
     first, again = (manifest(export(moving(3).animation, each, tmp_path / name))["files"] for name in ("a", "b"))
     assert first == again
+
+
+@every_format
+def test_a_full_disk_is_told_and_leaves_nothing(tmp_path, each):
+    resource = pytest.importorskip("resource")
+    animation, (soft, hard) = moving(3).animation, resource.getrlimit(resource.RLIMIT_FSIZE)
+    each.writer()
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300, hard))
+    try:
+        with pytest.raises(StoreError, match="cannot write") as told:
+            export(animation, each, tmp_path / "out")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert len(str(told.value).splitlines()) == 1
+    assert list((tmp_path / "out").iterdir()) == []

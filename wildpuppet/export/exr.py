@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from PIL import Image
 
+from wildpuppet.errors import StoreError
 from wildpuppet.export import cryptomatte
 from wildpuppet.export.animation import Animation, Frame
 from wildpuppet.export.fields import PartFields, Surveyor, foremost, where_foremost
@@ -66,7 +67,11 @@ def write_exr(path: Path, channels: Channels, rate: Fraction, more: dict[str, st
         **more,
     }
     with OpenEXR.File(header, {name: np.ascontiguousarray(values) for name, values in channels.items()}) as file:
-        file.write(str(path))
+        try:
+            file.write(str(path))
+        except RuntimeError as error:  # all that OpenEXR raises, a full disk included
+            words = str(error).partition('". ')[2] or str(error)
+            raise StoreError(f"--to exr: cannot write ({words}); free some space, or choose another --out") from None
 
 
 def st_channels(animation: Animation, parts: list[PartFields], names: tuple[str, ...]) -> Channels:

@@ -9,6 +9,7 @@ Blender does not: seen from ``CAMERA_DISTANCE`` the layers' gaps shift nothing b
 """
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from jaxtyping import Float32
 from PIL import Image
 
+from wildpuppet.errors import StoreError
 from wildpuppet.export.animation import Animation
 from wildpuppet.export.manifest import Manifest, PositionError, position_error
 from wildpuppet.export.naming import identifiers
@@ -35,8 +37,9 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
     """Write FOLDER/puppet.usdc and its texture."""
     stage_path = folder / "puppet.usdc"
     Image.fromarray(animation.puppet.atlas).save(folder / TEXTURE)
-    scene = Scene(animation, stage_path, options)
-    scene.write(progress)
+    with refusals_told():
+        scene = Scene(animation, stage_path, options)
+        scene.write(progress)
     return Manifest(
         "top left corner of the picture",
         "x right, y up, z towards the eye: layers by depth",
@@ -45,6 +48,18 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
         LEFT_OUT,
         _read_back(animation, stage_path, scene),
     )
+
+
+@contextmanager
+def refusals_told() -> Iterator[None]:
+    """Turn what usd-core cannot write, as on a full disk, into a StoreError of one line."""
+    from pxr import Tf
+
+    try:
+        yield
+    except Tf.ErrorException as error:
+        words = " ".join(str(error.args[0].commentary if error.args else error).split())
+        raise StoreError(f"--to usd: cannot write ({words}); free some space, or choose another --out") from None
 
 
 def time_codes(animation: Animation, first: int) -> list[float]:

@@ -8,6 +8,7 @@ from wildpuppet.errors import StoreError
 from wildpuppet.export.animation import Animation
 from wildpuppet.export.manifest import Manifest
 from wildpuppet.export.options import Options
+from wildpuppet.export.usd import refusals_told
 from wildpuppet.export.usd import write as write_usd
 from wildpuppet.machine import Progress
 
@@ -23,6 +24,8 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
         manifest = write_usd(animation, Path(loose), options, progress)
         for path in Path(loose).iterdir():
             os.utime(path, (DATE, DATE))
-        if not UsdUtils.CreateNewUsdzPackage(str(Path(loose) / "puppet.usdc"), str(folder / "puppet.usdz")):
-            raise StoreError(f"{folder}: usd-core could not write the package; is the disk full?")
+        with refusals_told():
+            is_written = UsdUtils.CreateNewUsdzPackage(str(Path(loose) / "puppet.usdc"), str(folder / "puppet.usdz"))
+        if not is_written:
+            raise StoreError("--to usdz: usd-core could not write the package; free some space")
     return manifest
