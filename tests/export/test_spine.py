@@ -16,6 +16,8 @@ from wildpuppet.machine import silent
 
 PIXELS = 1e-3
 """Coordinates are written to 4 decimals, times to 6."""
+TURN = 1e-4
+"""Of a bone's axis, a millionth of a second after its key."""
 UNEVEN = np.array([0, 800, 1600, 3600, 4400, 5200, 6000, 7200])
 
 
@@ -47,7 +49,9 @@ def test_every_corner_texel_order_and_time_survives(tmp_path, pts):
         if t != LOST:
             corners = world.vertices(t)[puppet.joint_vertices[0]]
             middle = np.einsum("kcd,kc->kd", corners, puppet.joint_weights[0]).mean(0)
-            assert np.abs(read.world("body_to_arm", time)[:2, 2] - (middle * (1, -1) + (0, height))).max() < PIXELS
+            assert np.abs(read.world("arm", time)[:2, 2] - (middle * (1, -1) + (0, height))).max() < PIXELS
+            for name, turned in zip(puppet.names, world.maps[t], strict=True):
+                assert np.abs(read.world(name, time)[:2, 0] - turned[:, 0] * (1, -1)).max() < TURN
 
 
 def test_held_drawings_and_cuts_are_stepped(tmp_path):
