@@ -17,7 +17,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from wildpuppet.crop.plate import GUARD
+from wildpuppet.crop.light import in_one_light, light_between, without_light
+from wildpuppet.crop.plate import GUARD, box_mask
 from wildpuppet.geometry import affine
 from wildpuppet.track.colours import NUM_BINS, Colours, colour_bins, normalised
 from wildpuppet.track.plate import Plate, median_plate
@@ -64,11 +65,13 @@ class Comparison:
 
     ``distance`` is the squared difference in units of noise, ``cover`` (0..1) what the difference is beside the
     largest nearby: about the share of an edge pixel that the character covers. ``known``: how far the plate is.
+    ``picture`` is the crop in the plate's light.
     """
 
     distance: Float[np.ndarray, "H W"]
     cover: Float[np.ndarray, "H W"]
     known: Float[np.ndarray, "H W"]
+    picture: UInt8[np.ndarray, "H W 3"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +100,9 @@ class Matter:
     """Makes mattes; ``scale`` is the plates' pixels per video pixel."""
 
     def __init__(self, track: Track, survey: Survey, scale: float) -> None:
-        self.track, self.survey, self.scale = track, survey, scale
+        self.track, self.scale = track, scale
+        self.survey, self.changing_light = in_one_light(survey, lambda t: self.outside(t, survey))
+        survey = self.survey
         self.behind = {
             shot: Behind(plate.colour, plate.spread, known_share(plate)) for shot, plate in survey.plates.items()
         }
@@ -113,7 +118,7 @@ class Matter:
         seen = self.compare(t, crop, video_from_crop, away)
         clutter = clutter_of(seen, away, box)
         odds = plate_odds(seen, clutter)
-        odds += np.clip(COLOUR_WEIGHT * self.colours.log_odds(crop[..., ::-1]), LEAST_COLOUR, MOST_COLOUR)
+        odds += np.clip(COLOUR_WEIGHT * self.colours.log_odds(seen.picture[..., ::-1]), LEAST_COLOUR, MOST_COLOUR)
         odds += place_odds(away)
         smooth = smoothed(odds, crop)
         matte: np.ndarray = np.round(255.0 / (1.0 + np.exp(-smooth))).astype(np.uint8)
@@ -136,13 +141,16 @@ class Matter:
         colour = cv2.warpAffine(behind.colour, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
         spread = cv2.warpAffine(behind.spread, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
         known = cv2.warpAffine(behind.known, matrix, size, flags=flags)
+        background = (known > 0.99) & (away > 0.03)
+        if shot in self.changing_light:
+            crop = without_light(crop, light_between(crop, colour, background))
         difference = cv2.absdiff(crop, colour).astype(np.float32)
         gray = cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY)
         slope = np.abs(cv2.Sobel(gray, cv2.CV_32F, 1, 0)) + np.abs(cv2.Sobel(gray, cv2.CV_32F, 0, 1))
-        noise = noise_of(difference, (known > 0.99) & (away > 0.03))
+        noise = noise_of(difference, background)
         variance = noise**2 + spread.astype(np.float32) ** 2 + (LOOSENESS / 8 * slope) ** 2
         distance = cv2.GaussianBlur((difference**2).sum(2) / variance, (0, 0), 0.7)
-        return Comparison(distance, cover_of(difference), known)
+        return Comparison(distance, cover_of(difference), known, crop)
 
     def learn_colours(self) -> Colours:
         """Count the colours of the character and of what is around it over the kept pictures.
@@ -166,7 +174,7 @@ class Matter:
         near = away < 0.5
         weight = 1.0 / (1.0 + np.exp(-plate_odds(seen, clutter_of(seen, away, box))[near]))
         is_known = seen.known[near] > 0.5
-        return View(colour_bins(picture[..., ::-1])[near], weight, is_known, away[near])
+        return View(colour_bins(seen.picture[..., ::-1])[near], weight, is_known, away[near])
 
     def completed(self, shot: int) -> Behind:
         """Guess the background where the box always stood, from pixels whose colour speaks against the character."""
@@ -185,6 +193,11 @@ class Matter:
             np.where(better, guess.spread, behind.spread),
             np.maximum(share, behind.known),
         )
+
+    def outside(self, t: int, survey: Survey) -> UInt8[np.ndarray, "h w"]:
+        """Mark with 255 what is surely outside the character's box in kept picture t."""
+        height, width = survey.samples[int(self.track.shot[t])][t].shape[:2]
+        return np.asarray(255 - box_mask(self.track.boxes_video[t] * self.scale, (width, height), GUARD))
 
     @property
     def video_from_small(self) -> Float[np.ndarray, "2 3"]:
