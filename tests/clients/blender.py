@@ -1,6 +1,7 @@
 """Runs inside Blender's Python (package bpy), not ours: python blender.py COMMAND ARGUMENTS...
 
 play FILE FIRST COUNT FPS OUT.npz     world positions of every shown mesh in every frame, and what the scene was set to
+cache FILE.obj CACHE COUNT OUT.npz    world positions under the Mesh Cache modifier, from frame 0
 render FILE FRAME WIDTH HEIGHT OUT.png   the imported camera's view
 map_uv ST.exr PART ATLAS.png WIDTH HEIGHT OUT.exr   the atlas through a part's ST map, by the compositor
 matte MATTES.exr NAME WIDTH HEIGHT OUT.exr          the Cryptomatte matte of a name, by the compositor
@@ -46,6 +47,26 @@ def play(path: str, first: str, count: str, fps: str, out: str) -> None:
             if is_shown:
                 found[f"{item.name}|{t}"] = places.reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]
             seen.to_mesh_clear()
+    np.savez(out, **found)
+
+
+def cache(path: str, points: str, count: str, out: str) -> None:
+    scene = opened("")
+    bpy.ops.wm.obj_import(filepath=path)
+    (item,) = [each for each in bpy.data.objects if each.type == "MESH"]
+    modifier = item.modifiers.new("cache", "MESH_CACHE")
+    modifier.cache_format = points.rpartition(".")[2].upper()
+    modifier.filepath, modifier.frame_start, modifier.interpolation = points, 0.0, "NONE"
+    found = {}
+    for t in range(int(count)):
+        scene.frame_set(t)
+        seen = item.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        mesh = seen.to_mesh()
+        places = np.empty(len(mesh.vertices) * 3, np.float32)
+        mesh.vertices.foreach_get("co", places)
+        world = np.array(seen.matrix_world)
+        found[str(t)] = places.reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]
+        seen.to_mesh_clear()
     np.savez(out, **found)
 
 

@@ -33,7 +33,7 @@ def world():
 @pytest.fixture(scope="module")
 def exports(world, tmp_path_factory):
     out = tmp_path_factory.mktemp("exports")
-    return {name: export(world.animation, format_of(name), out) for name in ("usd", "usdz", "glb", "exr")}
+    return {name: export(world.animation, format_of(name), out) for name in ("usd", "usdz", "glb", "exr", "mdd", "pc2")}
 
 
 def blender(*words):
@@ -62,6 +62,19 @@ def test_every_vertex_in_every_frame(tmp_path, world, exports, name, first):
                 found = np.column_stack([x, -up])
                 assert np.abs(found - truth[layers == layer]).max() < PIXELS
                 assert np.allclose(-depth, list(world.animation.order[t]).index(layer), atol=PIXELS)
+
+
+@pytest.mark.parametrize("name", ["mdd", "pc2"])
+def test_point_caches_move_every_vertex(tmp_path, world, exports, name):
+    folder = exports[name]
+    blender("cache", folder / "puppet.obj", folder / f"puppet.{name}", NUM_FRAMES, tmp_path / "played.npz")
+    with np.load(tmp_path / "played.npz") as played:
+        for t in range(NUM_FRAMES):
+            x, _, up = played[str(t)].T / UNITS
+            if t == LOST:
+                assert not np.ptp(played[str(t)], 0).any()
+            else:
+                assert np.abs(np.column_stack([x, -up]) - world.vertices(t)).max() < PIXELS
 
 
 @pytest.mark.parametrize(("name", "frame"), [("usd", FIRST + BEHIND), ("glb", BEHIND)])

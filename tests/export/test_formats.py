@@ -14,8 +14,8 @@ HEAD = """# Formats
 What `wildpuppet export RUN --to FORMAT` writes. *positions*: `exact` means that every vertex was read back to 0.01
 pixel. *read back by*: what opened the files in the tests; `not run here` means that the program could not be run, and
 that the text was read by a parser of its language instead. Blender is too large for the suite: `tests/clients/` runs
-it (`tests/clients/install.sh`, then `python -m pytest -m clients`), last with bpy 5.0.1: every vertex of `usd`, `usdz`
-and `glb` to 0.001 pixel, their pictures through the camera, `exr` by the compositor's Map UV and Cryptomatte nodes.
+it (`tests/clients/install.sh`, then `python -m pytest -m clients`), last with bpy 5.0.1: every vertex of `usd`, `usdz`,
+`glb`, `mdd` and `pc2` to 0.001 pixel, pictures through the camera, `exr` by the compositor's Map UV and Cryptomatte.
 This page is made from the table in `wildpuppet/export/formats.py`.
 
 """
