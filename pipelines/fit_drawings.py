@@ -1,6 +1,6 @@
 """The paper's own case: an unordered folder of drawings and a puppet; no tracking, one canvas.
 
-drawings + puppet -> place -> search -> choose -> fit -> exposure, meshes, preview -> OUT
+drawings + puppet -> place -> hinges -> search -> choose -> fit -> exposure, meshes, preview -> OUT
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ from wildpuppet import stages
 from wildpuppet.runs import check_out
 from wildpuppet.store import given
 
-from .fit_frames import Frames, fit_frames
+from .fit_frames import Frames, fit_frames, with_learnt_hinges
 from .keeper import Keeper
 from .outcome import Outcome
 from .request import Request, given_cutout, given_drawings
@@ -25,6 +25,7 @@ def fit_drawings(keeper: Keeper, request: Request) -> Outcome:
     crops = keeper.keep(stages.DRAWINGS, folder=folder)
     names = drawings.value.names
     test = held_out(len(names), request.test_share, request.settings.train.seed)
+    puppet = with_learnt_hinges(keeper, puppet, crops)
     fit = fit_frames(keeper, puppet, crops, Frames(len(names), None, test))
     no_clip = given(None, "none")
     numbers = keeper.keep(stages.REUSE, crops=crops)

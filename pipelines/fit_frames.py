@@ -1,4 +1,4 @@
-"""From crops and a puppet to a fit: place, search, choose, fit. Long stages go in chunks that are kept one by one."""
+"""From crops and a puppet to a fit: hinges, search, choose, fit. Long stages go in chunks that are kept one by one."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -37,6 +37,14 @@ class Frames:
         first = self.reference or 0
         walks = [list(range(first, self.number)), list(range(first - 1, -1, -1))]
         return [walk for walk in walks if walk]
+
+
+def with_learnt_hinges(keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops]) -> Kept[Puppet]:
+    """Let the drawings show where the hinges are, where there is a search to learn from."""
+    if not (keeper.settings.search.enabled and keeper.settings.search.hinge_drawings):
+        return puppet
+    placement = keeper.keep(stages.PLACE, puppet=puppet, crops=crops)
+    return keeper.keep(stages.HINGES, puppet=puppet, crops=crops, placement=placement)
 
 
 def fit_frames(

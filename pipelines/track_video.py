@@ -1,6 +1,6 @@
 """The main job: a video and a box around a character -> a puppet mesh in every frame. Reads top to bottom.
 
-probe -> (puppet) -> track -> crop -> puppet -> place -> search -> choose -> fit -> exposure, meshes, preview -> OUT
+probe -> (puppet) -> track -> crop -> puppet -> hinges -> search -> choose -> fit -> exposure, meshes, preview -> OUT
 """
 
 from pathlib import Path
@@ -10,7 +10,7 @@ from wildpuppet.runs import check_out, check_puppet_unedited
 from wildpuppet.store import Kept
 from wildpuppet.types import Clip, Crops, Puppet, Target
 
-from .fit_frames import Frames, fit_frames
+from .fit_frames import Frames, fit_frames, with_learnt_hinges
 from .keeper import Keeper
 from .keyframes import given_keyframes
 from .outcome import Outcome
@@ -31,6 +31,7 @@ def track_video(keeper: Keeper, request: Request) -> Outcome:
         puppet = automatic_puppet(keeper, clip, crops, target, request.out)
         keyframes = given_keyframes(request, frames_wanted, puppet)
     frames = Frames(frames_wanted.end - frames_wanted.start, frames_wanted.at - frames_wanted.start)
+    puppet = with_learnt_hinges(keeper, puppet, crops)
     fit = fit_frames(keeper, puppet, crops, frames, keyframes)
     numbers = keeper.keep(stages.REUSE, crops=crops)
     exposure = keeper.keep(stages.EXPOSURE, clip=clip, crops=crops, fit=fit, numbers=numbers)

@@ -136,6 +136,7 @@ INPUTS: dict[str, Callable[[Drawn], tuple[Any, ...]]] = {
     "automatic": lambda drawn: (drawn.clip, drawn.crops, drawn.target),
     "puppet": lambda drawn: (drawn.scene.cutout,),
     "place": lambda drawn: (drawn.puppet, drawn.crops),
+    "hinges": lambda drawn: (drawn.puppet, drawn.crops, drawn.placement),
     "search.part": lambda drawn: (drawn.puppet, drawn.crops, drawn.placement, 0.3, np.array([1, 2, 3])),
     "search": lambda drawn: (drawn.pieces(drawn.hypotheses, HYPOTHESES), [2, 3, 0, 1]),
     "keyframes.part": lambda drawn: _keyframes_part(drawn),

@@ -104,6 +104,14 @@ def _place(puppet: Puppet, crops: Crops, machine: Machine) -> Float[np.ndarray, 
     return place(puppet, crops)
 
 
+def _hinges(
+    puppet: Puppet, crops: Crops, placement: Float[np.ndarray, "2 3"], settings: SearchSettings, machine: Machine
+) -> Puppet:
+    from wildpuppet.pose.hinges import learn_hinges
+
+    return learn_hinges(puppet, crops, placement, settings, machine)
+
+
 def _search_part(
     puppet: Puppet,
     crops: Crops,
@@ -272,11 +280,14 @@ TRACK = Stage("track", 2, ("track",), _track, disk.save_track, disk.load_track)
 CROP = Stage("crop", 2, ("crop",), _crop, disk.save_crops, disk.load_crops)
 DRAWINGS = Stage("drawings", 1, ("crop",), _drawings, disk.save_crops, disk.load_crops)
 AUTOMATIC = Stage("automatic", 1, ("auto",), _automatic, disk.save_cutout, disk.load_cutout)
-PUPPET = Stage("puppet", 1, ("puppet",), _puppet, disk.save_puppet, disk.load_puppet)
+PUPPET = Stage("puppet", 2, ("puppet",), _puppet, disk.save_puppet, disk.load_puppet)
 PLACE = Stage("place", 1, (), _place, disk.save_placement, disk.load_placement)
-SEARCH_PART = Stage("search.part", 1, ("search",), _search_part, disk.save_hypotheses, disk.load_hypotheses)
+HINGES = Stage("hinges", 1, ("search",), _hinges, disk.save_puppet, disk.load_puppet)
+SEARCH_PART = Stage("search.part", 2, ("search",), _search_part, disk.save_hypotheses, disk.load_hypotheses)
 SEARCH = Stage("search", 1, (), _search, disk.save_hypotheses, disk.load_hypotheses)
-KEYFRAMES_PART = Stage("keyframes.part", 1, ("search",), _keyframes_part, disk.save_followed, disk.load_followed)
+KEYFRAMES_PART = Stage(
+    "keyframes.part", SEARCH_PART.version, ("search",), _keyframes_part, disk.save_followed, disk.load_followed
+)
 KEYFRAMES = Stage("keyframes", 1, (), _keyframes, disk.save_hypotheses, disk.load_hypotheses)
 CHOOSE = Stage("choose", 1, ("search",), _choose, disk.save_poses, disk.load_poses)
 REST = Stage("rest", 1, (), _rest, disk.save_poses, disk.load_poses)
@@ -290,7 +301,7 @@ MESHES = Stage("meshes", 1, ("out",), _meshes, disk.save_files, disk.load_folder
 PREVIEW = Stage("preview", 1, (), _preview, disk.save_files, disk.load_folder)
 
 STAGES = (
-    PROBE, TRACK, CROP, DRAWINGS, AUTOMATIC, PUPPET, PLACE, SEARCH_PART, SEARCH, KEYFRAMES_PART,
+    PROBE, TRACK, CROP, DRAWINGS, AUTOMATIC, PUPPET, PLACE, HINGES, SEARCH_PART, SEARCH, KEYFRAMES_PART,
     KEYFRAMES, CHOOSE, REST, FIT_PART, FIT_KEYED, FIT, TRAIN, REUSE, EXPOSURE, MESHES, PREVIEW,
 )  # fmt: skip
 NAMES = tuple(stage.name for stage in STAGES if "." not in stage.name)

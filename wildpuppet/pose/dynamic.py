@@ -61,12 +61,13 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Accumulated cost of every part at every (angle, y, x): its own template and everything below it."""
+    """Cost of every part at every (angle, y, x): ``unary`` its own template's, ``accumulated`` with all below it."""
 
     tree: Tree
     templates: Templates
     springs: Springs
     images: tuple[PartImage, ...]
+    unary: tuple[Float[np.ndarray, "K H W"], ...]
     accumulated: tuple[Float[np.ndarray, "K H W"], ...]
     links: dict[int, Link]
     turn: Float[np.ndarray, "K"]
@@ -115,7 +116,7 @@ def solve(
         message = kernels.shift_each(accumulated[edge.child], -link.from_child, OUTSIDE)
         message = kernels.turn_transform(kernels.spring_transform(message, link.pull), turn)
         accumulated[edge.parent] += kernels.shift_each(message, link.from_parent, OUTSIDE)
-    return Solution(tree, templates, springs, images, tuple(accumulated), links, turn)
+    return Solution(tree, templates, springs, images, tuple(unary), tuple(accumulated), links, turn)
 
 
 def root_modes(solution: Solution, num: int, apart: int) -> list[tuple[float, State]]:

@@ -93,29 +93,39 @@ def _limb_moves(solution: Solution, candidate: Candidate) -> Iterator[Candidate]
 def _swaps(
     solution: Solution, candidate: Candidate, twins: list[tuple[tuple[int, ...], tuple[int, ...]]]
 ) -> Iterator[Candidate]:
-    """Let two limbs that look alike trade places: each takes the direction in which the other now points."""
+    """Let two limbs that look alike trade places: each part goes near where its twin was, as its picture fits best."""
     for first, second in twins:
         states = dict(enumerate(candidate.states))
         for mine, other in ((first, second), (second, first)):
             for layer, model in zip(mine, other, strict=True):
-                angle = _angle_to_match(solution, layer, model, candidate.states[model])
-                link = solution.links[layer]
-                parent = states[link.edge.parent]
-                pivot = np.array(parent[1:]) + link.from_parent[parent[0]] - link.from_child[angle]
-                height, width = solution.accumulated[layer].shape[1:]
-                states[layer] = (angle, int(np.clip(pivot[0], 0, width - 1)), int(np.clip(pivot[1], 0, height - 1)))
+                states[layer] = _in_place_of(solution, layer, states, candidate.states[model])
         yield Candidate(tuple(states[layer] for layer in range(len(states))), candidate.order)
 
 
-def _angle_to_match(solution: Solution, layer: int, model: int, model_state: State) -> int:
-    def rest_direction(part: int) -> float:
-        image = solution.images[part]
-        arm = image.pivot - np.asarray(solution.links[part].edge.at)
-        return float(np.arctan2(arm[1], arm[0]))
+TRADE_REACH = 0.08
+"""How far from its twin's place a part may lie, as a share of the search window's larger side."""
 
-    radians = solution.templates.radians
-    wanted = radians[model_state[0]] + rest_direction(model) - rest_direction(layer)
-    return int(round(wanted / (2 * np.pi) * len(radians)) % len(radians))
+
+def _in_place_of(solution: Solution, layer: int, states: dict[int, State], model: State) -> State:
+    """Find the best state of ``layer`` near ``model``'s place: its picture and the hinge to its parent's new place."""
+    link, costs = solution.links[layer], solution.unary[layer]
+    num_angles, height, width = costs.shape
+    reach = max(2, round(TRADE_REACH * max(height, width)))
+    rows = np.arange(max(0, model[2] - reach), min(height, model[2] + reach + 1))
+    columns = np.arange(max(0, model[1] - reach), min(width, model[1] + reach + 1))
+    parent = states[link.edge.parent]
+    joint = np.array(parent[1:]) + link.from_parent[parent[0]] - link.from_child
+    last = len(link.pull) - 1
+    gap_x = np.abs(columns - joint[:, 0, None])
+    gap_y = np.abs(rows - joint[:, 1, None])
+    slope = link.pull[-1] - link.pull[-2]
+    pull_x = link.pull[np.minimum(gap_x, last)] + slope * np.maximum(gap_x - last, 0)
+    pull_y = link.pull[np.minimum(gap_y, last)] + slope * np.maximum(gap_y - last, 0)
+    turn = solution.turn[(np.arange(num_angles) - parent[0]) % num_angles]
+    window = costs[:, rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    total = window + pull_y[:, :, None] + pull_x[:, None] + turn[:, None, None]
+    angle, row, column = np.unravel_index(np.argmin(total), total.shape)
+    return int(angle), int(columns[column]), int(rows[row])
 
 
 def _reorders(tree: Tree, candidate: Candidate) -> Iterator[Candidate]:

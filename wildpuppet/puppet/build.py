@@ -16,6 +16,7 @@ from wildpuppet.geometry.topology import boundary_edges, subdivide
 from wildpuppet.geometry.triangulate import triangulate
 from wildpuppet.puppet.atlas import assemble, bleed, border_texels, cut_window, shelf_pack, window_of
 from wildpuppet.puppet.contours import rings_around
+from wildpuppet.puppet.copies import without_copies
 from wildpuppet.puppet.joints import attach, joint_positions
 from wildpuppet.puppet.silhouette import Silhouette, silhouette_of
 from wildpuppet.settings import PuppetSettings
@@ -51,6 +52,7 @@ def build(cutout: CutOut, settings: PuppetSettings) -> Puppet:
         PuppetError: a part has no pixel of at least ``settings.least_alpha``.
     """
     side = rest_side(cutout, settings.least_alpha)
+    cutout = without_copies(cutout, settings.least_alpha)
     layers = [_layer(part, side, settings) for part in cutout.parts]
     starts = np.cumsum([0] + [len(layer.vertices) for layer in layers])
     vertices = np.concatenate([layer.vertices for layer in layers])
