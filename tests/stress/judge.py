@@ -24,8 +24,8 @@ ACROSS = (-0.5, 0.0, 0.5)
 BODY_SPACING = 9
 LEAST_SHARED = 5
 """Two parts' order shows in a frame where they share at least so many points of a grid."""
-BOX_PIXELS = 160
-"""About the doll's size in the picture: more would be slower and say nothing more."""
+BOX_PIXELS = 128
+"""A little less than the doll has in the picture: more would be slower and say nothing more."""
 MOSTLY = 0.6
 """A character of which so much is in the picture must be found; one of which nothing is must be said lost."""
 
