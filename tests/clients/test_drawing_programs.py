@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from psd_tools import PSDImage
-from psd_tools.constants import BlendMode
 
-from tests.puppet.imports.drawings import ARM, SIZE, TORSO, Drawn, assert_same_picture, random_picture
+from tests.puppet.imports.drawings import ARM, SIZE, TORSO, assert_same_picture, random_picture
+from tests.puppet.imports.test_ora import PICTURES, png, saved
 from wildpuppet.puppet.imports.formats import read_puppet
 from wildpuppet.puppet.imports.from_frame import drawn_svg
 
@@ -27,17 +26,13 @@ def run(*words: object) -> None:
 
 @pytest.fixture(scope="module")
 def layered(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("layered") / "drawn.psd"
-    document = PSDImage.new("RGBA", SIZE)
-    paper = Drawn(random_picture(9, *SIZE, alpha=255), (0, 0))
-    for drawn, name in ((paper, "Paper"), (TORSO, "torso"), (ARM, "sketch")):
-        document.create_pixel_layer(Image.fromarray(drawn.rgba), name=name, left=drawn.corner[0], top=drawn.corner[1])
-    document[-1].visible = False
-    group = document.create_group(name="limb")
-    group.opacity, group.blend_mode = 128, BlendMode.NORMAL  # Krita knows no opacity of groups that pass through
-    group.create_pixel_layer(Image.fromarray(ARM.rgba), name="arm", left=ARM.corner[0], top=ARM.corner[1])
-    document.save(path)
-    return path
+    stack = """<stack>
+      <layer name="sketch" src="data/arm.png" visibility="hidden" />
+      <stack name="limb" opacity="0.5"><layer name="arm" src="data/arm.png" x="50" y="20" opacity="0.4" /></stack>
+      <layer name="torso" src="data/torso.png" x="20" y="15" /><layer name="Paper" src="data/paper.png" />
+    </stack>"""
+    paper = png(random_picture(9, *SIZE, alpha=255))
+    return saved(tmp_path_factory.mktemp("layered"), stack, {**PICTURES, "data/paper.png": paper})
 
 
 @pytest.mark.parametrize("kind", ["psd", "ora"])
@@ -49,8 +44,8 @@ def test_krita_writes_layers_that_come_back_to_the_pixel(layered: Path, tmp_path
     assert (torso.name, arm.name) == ("torso", "arm")
     assert_same_picture(torso.rgba, TORSO.on_canvas())
     expected = ARM.on_canvas()
-    # Krita keeps 128 of 255 as a share of its own; one level.
-    assert np.abs(arm.rgba[..., 3] - expected[..., 3] * (128 / 255)).max() <= 1.5
+    # Krita keeps opacities in 255ths, rounded down: 127 and 101.
+    assert np.abs(arm.rgba[..., 3] - expected[..., 3] * (127 / 255) * (101.5 / 255)).max() <= 1.5
     seen = expected[..., 3] > 0
     assert np.array_equal(arm.rgba[seen][:, :3], expected[seen][:, :3])
     assert {"'sketch' is hidden and left out"} <= set(found.notes)
