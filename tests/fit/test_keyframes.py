@@ -23,6 +23,8 @@ from wildpuppet.types import Crops, Fit, Hypotheses, Keyframe, Poses, Puppet
 KEY = 6
 AROUND = slice(5, FRAMES)
 """The arms have parted; before that they lie on each other or the story is another one."""
+GRID_PIXELS = 3.0
+"""The search rounds to a grid of about two pixels; the other story is off by more than 15."""
 CPU = Machine("cpu")
 SEARCH = SearchSettings(box_pixels=40, angles=36, num_best=6)
 FIT = FitSettings(steps=20)
@@ -90,14 +92,14 @@ def off(keyframe: Keyframe, result: Fit, crops: Crops | None = None) -> float:
 
 def test_without_a_keyframe_one_of_the_two_stories_is_missed(case: Case) -> None:
     vertices = pose_vertices(case.puppet, case.poses(None).crop_from_canvas)
-    assert max(case.errors(vertices, story)[AROUND].min() for story in (True, False)) > 7.0
+    assert max(case.errors(vertices, story)[AROUND].min() for story in (True, False)) > 5 * GRID_PIXELS
 
 
 @pytest.mark.parametrize("first_is_right", [True, False])
 def test_one_point_in_one_frame_decides_the_frames_around_it(case: Case, first_is_right: bool, tmp_path: Path) -> None:
     keyframe = case.key(first_is_right, tmp_path, {"first": 1})
     poses = case.poses(keyframe)
-    assert case.errors(pose_vertices(case.puppet, poses.crop_from_canvas), first_is_right)[AROUND].max() < 1.5
+    assert case.errors(pose_vertices(case.puppet, poses.crop_from_canvas), first_is_right)[AROUND].max() < GRID_PIXELS
     result = fitted(case, poses, keyframe)
     assert case.errors(result.vertices_crop, first_is_right)[AROUND].max() < 1.0
     assert off(keyframe, result) < 0.01

@@ -110,7 +110,8 @@ def _next_pose(
     puppet = searcher.puppet
     starts = [(affine.compose(_between(crops, frame, before), last[0]), last[1]), last]
     maps, order, cost = search_from(searcher, crops, placement, frame, starts)
-    was, now = pose_vertices(puppet, last[0][None]), pose_vertices(puppet, maps)
+    now = pose_vertices(puppet, maps)
+    was = np.repeat(pose_vertices(puppet, last[0][None]), len(now), 0)
     size = float(np.ptp(was[0], axis=0).max())
     moved = searcher.settings.time_weight * least_movement(puppet, crops, (before, frame), was, now)[0] / size
     best = int((cost + moved).argmin())
