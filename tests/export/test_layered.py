@@ -16,6 +16,7 @@ from wildpuppet.export import ora, psd
 from wildpuppet.export.options import Options
 from wildpuppet.export.sprites import Sprite, sprites_in_frame
 from wildpuppet.machine import silent
+from wildpuppet.puppet.imports.formats import read_puppet
 
 SIZE = (160, 120)
 ROUNDING = 2
@@ -105,6 +106,19 @@ def test_a_run_becomes_its_parts_at_rest_exactly(tmp_path):
     ):
         assert (layer.name, *layer.bbox) == (name, x, y, x + w, y + h)
         assert (np.asarray(layer.topil()) == (*colour, 255)).all()
+
+
+@pytest.mark.parametrize("writer", [psd, ora])
+def test_our_own_import_reads_the_parts_back(tmp_path, writer):
+    writer.write(moving().animation, tmp_path, Options(), silent)
+    cutout = read_puppet(next(tmp_path.iterdir())).cutout
+    assert cutout.canvas == scene.CANVAS
+    for part, (x, y, w, h), name, colour in zip(
+        cutout.parts, (scene.BODY, scene.ARM), ("body", "arm"), ((200, 60, 40), (40, 90, 200)), strict=True
+    ):
+        assert part.name == name
+        assert (part.rgba[y : y + h, x : x + w] == (*colour, 255)).all()
+        assert (part.rgba[..., 3] > 0).sum() == w * h
 
 
 def test_a_frame_has_the_parts_where_they_are_in_the_order_of_that_frame(tmp_path):
