@@ -112,11 +112,11 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format("flo", "Middlebury optical flow to the next frame", "flow tools, OpenCV", "exact", "OpenCV", "flo"),
     Format(
-        "dragonbones", "DragonBones 5.5: meshes with deform keys, bones at the hinges",
+        "dragonbones", "DragonBones 5.5: a bone per part, meshes with deform keys",
         "DragonBones, LoongBones, Cocos, Pixi, Egret", "exact", "DragonBones runtime (node)", "dragonbones",
     ),
     Format(
-        "spine", "Spine 4.2 JSON: meshes with deform keys, bones at the hinges", "Spine, engines with its runtime",
+        "spine", "Spine 4.2 JSON: a bone per part, meshes with deform keys", "Spine, engines with its runtime",
         "exact", "an evaluator of our tests, after the published format", "spine",
     ),
     Format(
@@ -125,11 +125,11 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         "mdd", "MDD point cache with an OBJ", "Blender, LightWave, Modo, Houdini, older Maya and Max", "exact",
-        "Blender, trimesh", "mdd",
+        "Blender 5.0, trimesh", "mdd",
     ),
     Format(
         "pc2", "PC2 point cache with an OBJ", "Blender, 3ds Max, older Maya", "exact",
-        "Blender, trimesh", "pc2",
+        "Blender 5.0, trimesh", "pc2",
     ),
     Format(
         "aftereffects", "After Effects script: parts as layers, outlines as masks, hinges as nulls", "After Effects",
