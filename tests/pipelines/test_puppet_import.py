@@ -1,6 +1,7 @@
 """From another program's file to a puppet that the check is content with, by the command line."""
 
 import json
+import sys
 from pathlib import Path
 
 import cv2
@@ -138,6 +139,15 @@ def test_a_forced_format_and_a_puppet_folder_are_told(
     again = ["puppet", "import", str(tmp_path / "out"), "--out", str(tmp_path / "second")]
     assert run_command(again) == 2
     assert "is a puppet folder already" in capsys.readouterr().err
+
+
+def test_a_missing_library_is_named_with_what_to_install(
+    psd: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "psd_tools", None)
+    assert run_command(["puppet", "import", str(psd), "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "needs psd_tools; python -m pip install 'wildpuppet[import]'" in line
 
 
 def test_the_table_of_formats_names_what_is_read(capsys: pytest.CaptureFixture[str]) -> None:
