@@ -16,7 +16,8 @@ pixel. *read back by*: what opened the files in the tests; `not run here` means 
 that the text was read by a parser of its language instead. Blender is too large for the suite: `tests/clients/` runs
 it (`tests/clients/install.sh`, then `python -m pytest -m clients`), last with bpy 5.0.1: every vertex of `usd`, `usdz`,
 `glb`, `mdd` and `pc2` to 0.001 pixel, pictures through the camera, `exr` by the compositor's Map UV and Cryptomatte.
-This page is made from the table in `wildpuppet/export/formats.py`.
+Programs marked (node) come from npm: `npm install --no-package-lock --prefix tests/node`; tests that miss them are
+skipped. This page is made from the table in `wildpuppet/export/formats.py`.
 
 """
 
