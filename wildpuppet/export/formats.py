@@ -76,7 +76,7 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         "webm", "VP9 .webm with alpha: one per part, one of all", "browsers, OBS, Blender", "pictures",
-        "FFmpeg's libvpx (PyAV)", "webm",
+        "FFmpeg's libvpx (PyAV); Chromium", "webm",
     ),
     Format(
         "usd", "OpenUSD .usdc: a moving mesh per part, joints, a camera", "Blender, Houdini, Maya, Unreal, Fusion",
@@ -88,7 +88,7 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         "glb", "glTF 2.0: a mesh per part, a morph target per drawing", "three.js and browsers, game engines, Blender",
-        "exact", "pygltflib; Khronos's validator, three.js (node); Blender 5.0", "glb",
+        "exact", "pygltflib; Khronos's validator; three.js in node and Chromium; Blender 5.0", "glb",
     ),
     Format(
         "exr", "OpenEXR: ST maps, motion vectors, Cryptomatte, mattes", "Nuke, Fusion, Blender, After Effects, Natron",
