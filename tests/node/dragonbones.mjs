@@ -1,5 +1,6 @@
 // Plays an exported skeleton in the DragonBones runtime and prints, as JSON, what stands where in every frame.
-// node dragonbones.mjs FOLDER STEM [between: half-way from frame to frame as well]
+// Every STRIDEth frame of each animation, and the moments half a frame after them.
+// node dragonbones.mjs FOLDER STEM STRIDE
 import fs from "node:fs";
 import path from "node:path";
 import * as db from "@cocos/dragonbones-js";
@@ -7,7 +8,7 @@ import * as db from "@cocos/dragonbones-js";
 console.log = console.info = console.error; // the runtime greets; only JSON goes to stdout
 db.DragonBones.yDown = true; // as its runtimes for Pixi, Egret and Phaser set it
 
-const [folder, stem, between] = process.argv.slice(2);
+const [folder, stem, stride] = process.argv.slice(2);
 const read = (name) => JSON.parse(fs.readFileSync(path.join(folder, name), "utf8"));
 
 class Texture extends db.TextureData {
@@ -104,11 +105,11 @@ const at = (name, seconds) => {
 const animations = armature.armatureData.animationNames.map((name) => {
   const data = armature.armatureData.getAnimation(name);
   const rate = armature.armatureData.frameRate;
-  const frames = [...Array(data.frameCount).keys()];
+  const frames = [...Array(data.frameCount).keys()].filter((frame) => frame % Number(stride) === 0);
   return {
-    name, duration: data.duration,
+    name, length: data.frameCount,
     frames: frames.map((frame) => at(name, (frame + 1e-6) / rate)),
-    between: between ? frames.map((frame) => at(name, (frame + 0.5) / rate)) : [],
+    between: frames.map((frame) => at(name, (frame + 0.5) / rate)),
   };
 });
 process.stdout.write(JSON.stringify({ rate: armature.armatureData.frameRate, animations }));
