@@ -13,6 +13,9 @@ from numpy.typing import ArrayLike
 from wildpuppet.correspond.carry import carry
 from wildpuppet.correspond.flow import DenseFlow, flow
 from wildpuppet.errors import InputError
+from wildpuppet.export.export import export
+from wildpuppet.export.formats import formats_of
+from wildpuppet.export.options import Options
 from wildpuppet.runs import RunFolder
 from wildpuppet.types import PointTracks
 
@@ -34,6 +37,13 @@ class Run(RunFolder):
     def flow(self, source: int, target: int) -> DenseFlow:
         """Give the dense map from frame ``source`` to frame ``target`` over the puppet's visible surface."""
         return flow(self.puppet, self.crops, self.fit, source, target, self.size)
+
+    def export(self, formats: str, out: str | Path, options: Options | None = None) -> list[Path]:
+        """Write the run in formats separated by commas (``wildpuppet formats``); give OUT/FORMAT for each.
+
+        Raises SettingsError for an unknown format, InputError for a missing extra or an ``out`` with other files.
+        """
+        return [export(self.animation, each, Path(out), options) for each in formats_of(formats)]
 
 
 def open_run(path: str | Path) -> Run:

@@ -14,9 +14,9 @@ HEAD = """# Formats
 What `wildpuppet export RUN --to FORMAT` writes. *positions*: `exact` means that every vertex was read back to 0.01
 pixel. *read back by*: what opened the files in the tests; `not run here` means that the program could not be run, and
 that the text was read by a parser of its language instead. Blender and Chromium are too large for the suite:
-`tests/clients/` runs them (`tests/clients/install.sh`, Debian's chromium, then `python -m pytest -m clients`). Last with
-bpy 5.0.1: every vertex of `usd`, `usdz`, `glb`, `mdd` and `pc2` to 0.001 pixel, pictures through the camera, `exr` by
-the compositor's Map UV and Cryptomatte; with Chromium 150: `webm` in a video element, `glb` drawn by three.js.
+`tests/clients/` runs them (`tests/clients/install.sh`, Debian's chromium, then `python -m pytest -m clients`). The last
+run, with bpy 5.0.1: every vertex of `usd`, `usdz`, `glb`, `mdd` and `pc2` to 0.001 pixel, pictures through the camera,
+`exr` by the compositor's Map UV and Cryptomatte; with Chromium 150: `webm` in a video element, `glb` by three.js.
 This page is made from the table in `wildpuppet/export/formats.py`.
 
 """

@@ -8,7 +8,9 @@ from PIL import Image
 from pipelines.cli import run_command
 from tests.pipelines.drawn import FRAMES, Drawn, drawn_in, write_drawings
 from tests.pipelines.test_mistakes import assert_one_clear_line
+from wildpuppet.api import open_run
 from wildpuppet.export.formats import FORMATS
+from wildpuppet.export.options import Options
 
 
 @pytest.fixture(scope="module")
@@ -23,9 +25,7 @@ def exported(run: Path, out: Path, formats: str, *more: str) -> int:
     return run_command(["export", str(run), "--to", formats, "--out", str(out), *more])
 
 
-def test_a_run_is_exported_with_its_own_times(
-    drawn: Drawn, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_is_exported_with_its_own_times(drawn: Drawn, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert exported(drawn.folder / "out", tmp_path / "files", "png,prores", "--first-frame", "1001") == 0
     assert capsys.readouterr().out.splitlines() == [str(tmp_path / "files" / name) for name in ("png", "prores")]
     said = json.loads((tmp_path / "files" / "png" / "manifest.json").read_text())
@@ -70,3 +70,9 @@ def test_formats_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command(["formats"]) == 0
     table = capsys.readouterr().out
     assert all(f"\n{each.name} " in table for each in FORMATS)
+
+
+def test_from_python(drawn: Drawn, tmp_path: Path) -> None:
+    folders = open_run(drawn.folder / "out").export("glb,usd", tmp_path, Options(units_per_pixel=1.0))
+    assert folders == [tmp_path / "glb", tmp_path / "usd"]
+    assert json.loads((folders[0] / "manifest.json").read_text())["units_per_pixel"] == 1.0
