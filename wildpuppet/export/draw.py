@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Float32, Int, UInt8
+from jaxtyping import Float, Float32, Int, UInt8
 
 from wildpuppet.export.animation import Animation, Frame
 from wildpuppet.render.render import Mesh, mesh_of, render, texture_at
@@ -30,24 +30,29 @@ class Painter:
         self._texture = texture_at(animation.puppet, typical_scale(animation))
         self._layers = [layer_mesh(animation.puppet, layer) for layer in range(animation.puppet.num_layers)]
 
-    def premultiplied(self, frame: Frame, layer: int | None = None) -> Float32[np.ndarray, "H W 4"]:
-        """Draw the whole puppet or one layer, unhidden by others; premultiplied, 0..1; empty where it is lost."""
+    def picture(self, frame: Frame, layer: int | None = None) -> UInt8[np.ndarray, "H W 4"]:
+        """Draw the whole puppet or one layer, unhidden by others: straight 8-bit RGBA, empty where it is lost."""
         width, height = self._animation.size
-        if not frame.is_visible:
-            return np.zeros((height, width, 4), np.float32)
+        picture = np.zeros((height, width, 4), np.uint8)
+        mine = slice(None) if layer is None else self._animation.puppet.layer_of_vertex == layer
+        window = window_of(frame.vertices[mine], self._animation.size, BLEED + 1)
+        if frame.is_visible and window is not None:
+            picture[window] = straight(self._premultiplied(frame, layer, window))
+        return picture
+
+    def _premultiplied(
+        self, frame: Frame, layer: int | None, window: tuple[slice, slice]
+    ) -> Float32[np.ndarray, "h w 4"]:
+        rows, columns = window
         with torch.no_grad():
             image = render(
-                torch.from_numpy(frame.vertices[None].astype(np.float32)),
+                torch.from_numpy((frame.vertices - (columns.start, rows.start))[None].astype(np.float32)),
                 self._mesh if layer is None else self._layers[layer],
                 self._texture,
                 torch.from_numpy(frame.order[None].astype(np.int64)),
-                (width, height),
+                (columns.stop - columns.start, rows.stop - rows.start),
             )
         return np.asarray(image.rgba[0].numpy(), np.float32)
-
-    def picture(self, frame: Frame, layer: int | None = None) -> UInt8[np.ndarray, "H W 4"]:
-        """Draw straight 8-bit RGBA."""
-        return straight(self.premultiplied(frame, layer))
 
     def pictures(self, layer: int | None = None) -> Iterator[UInt8[np.ndarray, "H W 4"]]:
         """Draw every frame; one that repeats the frame before is the same array and is not drawn again."""
@@ -57,6 +62,17 @@ class Painter:
                 picture = self.picture(frame, layer)
             before = frame
             yield picture
+
+
+def window_of(vertices: Float[np.ndarray, "n 2"], size: tuple[int, int], border: int) -> tuple[slice, slice] | None:
+    """Find the rows and columns of the picture that vertices and a border around them reach; None where none do."""
+    if not len(vertices):
+        return None
+    low = np.clip(np.floor(vertices.min(0)) - border, 0, size).astype(int).tolist()
+    high = np.clip(np.ceil(vertices.max(0)) + border, 0, size).astype(int).tolist()
+    if high[0] <= low[0] or high[1] <= low[1]:
+        return None
+    return slice(low[1], high[1]), slice(low[0], high[0])
 
 
 def is_same_picture(a: Frame, b: Frame) -> bool:

@@ -59,4 +59,4 @@ def _guide(
 
 
 def _mask(painter: "Painter", frame: Frame) -> UInt8[np.ndarray, "H W"]:
-    return np.asarray(np.rint(np.clip(painter.premultiplied(frame)[..., 3], 0.0, 1.0) * 255.0), np.uint8)
+    return painter.picture(frame)[..., 3]

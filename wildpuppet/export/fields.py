@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Bool, Float, Float32, Int32
 
 from wildpuppet.export.animation import Animation, Frame
-from wildpuppet.export.draw import layer_mesh, typical_scale
+from wildpuppet.export.draw import layer_mesh, typical_scale, window_of
 from wildpuppet.render.render import render, texture_at
 from wildpuppet.render.surface import surface
 
@@ -68,10 +68,11 @@ class Surveyor:
         return found
 
     def _part(self, frame: Frame, layer: int, open_share: Float32[np.ndarray, "H W"]) -> PartFields | None:
-        window = self._window(frame, layer)
-        rows, columns = window
-        if rows.stop <= rows.start or columns.stop <= columns.start:
+        mine = frame.vertices[self._animation.puppet.layer_of_vertex == layer]
+        window = window_of(mine, self._animation.size, BORDER)
+        if window is None:
             return None
+        rows, columns = window
         shifted = torch.from_numpy((frame.vertices - (columns.start, rows.start))[None].astype(np.float32))
         order = torch.from_numpy(frame.order[None].astype(np.int64))
         size = (columns.stop - columns.start, rows.stop - rows.start)
@@ -84,15 +85,6 @@ class Surveyor:
         triangle = np.where(triangle >= 0, own[np.maximum(triangle, 0)], -1).astype(np.int32)
         seen = np.asarray(alpha * open_share[window], np.float32)
         return PartFields(layer, window, alpha, seen, triangle, place.barycentrics[0].numpy())
-
-    def _window(self, frame: Frame, layer: int) -> tuple[slice, slice]:
-        mine = frame.vertices[self._animation.puppet.layer_of_vertex == layer]
-        limit = np.array(self._animation.size)
-        if not len(mine):
-            return slice(0, 0), slice(0, 0)
-        low = np.clip(np.floor(mine.min(0)) - BORDER, 0, limit).astype(int).tolist()
-        high = np.clip(np.ceil(mine.max(0)) + BORDER, 0, limit).astype(int).tolist()
-        return slice(low[1], high[1]), slice(low[0], high[0])
 
 
 def foremost(parts: list[PartFields], size: tuple[int, int]) -> Int32[np.ndarray, "H W"]:
