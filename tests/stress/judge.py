@@ -41,8 +41,8 @@ class Judged:
 
     @cached_property
     def clear(self) -> np.ndarray:
-        """Frames that show the drawing, no smear: where the limbs are is known."""
-        return np.setdiff1d(np.arange(len(self.truth.points)), self.clip.smeared)
+        """Frames that show the drawing, no smear, and most of the character: where its limbs are can be told."""
+        return np.setdiff1d(np.flatnonzero(share_inside(self.clip.scene) > MOSTLY), self.clip.smeared)
 
     @cached_property
     def score(self) -> Score:
