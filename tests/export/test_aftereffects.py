@@ -3,6 +3,7 @@
 After Effects itself cannot be run here: its objects are imitated, as its scripting guide describes them.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,7 @@ def project(script):
 def test_a_parser_takes_it_and_nothing_in_it_is_newer_than_es3(script):
     text = script.read_text(encoding="ascii")
     tree = es5(text)
-    assert sum(1 for node in Walker().walk(tree) if isinstance(node, FuncDecl)) == 5
+    assert sum(1 for node in Walker().walk(tree) if isinstance(node, FuncDecl)) == 6
     assert not any(isinstance(node, GetPropAssign | SetPropAssign) for node in Walker().walk(tree))
     for newer in (",]", ",}", ".forEach", ".map(", "JSON.", "Object.keys", ".trim(", ".bind("):
         assert newer not in text
@@ -71,15 +72,30 @@ def test_parts_are_sequences_stacked_anew_where_the_order_changes(world, project
         assert len(list(first.parent.iterdir())) == NUM_FRAMES
         shown = np.asarray(Image.open(first.with_name(first.name.replace(str(FIRST), str(FIRST + BEHIND)))))
         assert np.array_equal(shown, Painter(world.animation).picture(world.animation[BEHIND], layer))
-    layers = [layer for layer in project["comps"][0]["list"] if not layer.get("isNull")]  # topmost first
-    cut = BEHIND * 1001 / 24000
-    spans = [(layer["name"], round(layer["inPoint"] / cut, 6), layer["outPoint"] > cut + SECONDS) for layer in layers]
-    assert spans == [
-        ("body", 1.0, True),
-        ("arm", 1.0, True),
-        ("arm", 0.0, False),
-        ("body", 0.0, False),
-    ]  # topmost first
+    layers = [layer for layer in project["comps"][0]["list"] if not layer.get("isNull")][::-1]  # back to front
+    assert len(layers) == 3
+    for t, order in enumerate(world.animation.order):
+        time = (t + 0.5) * 1001 / 24000
+        shown = [layer["name"] for layer in layers if layer["inPoint"] <= time < layer["outPoint"]]
+        assert shown == [world.puppet.names[k] for k in order]
+
+
+def test_a_layer_that_is_used_again_is_hidden_between(tmp_path, world):
+    order = np.array([[0, 1], [1, 0]] * (NUM_FRAMES // 2))
+    aftereffects.write(replace(world.animation, order=order), tmp_path, Options(), silent)
+    require("acorn")
+    project = run_node("aftereffects.mjs", str(next(tmp_path.glob("*.jsx"))))
+    layers = [layer for layer in project["comps"][0]["list"] if not layer.get("isNull")][::-1]
+    assert len(layers) == 3
+    for t in range(NUM_FRAMES):
+        shown = []
+        for layer in layers:
+            keys = layer["children"].get("ADBE Transform Group", {}).get("children", {}).get("ADBE Opacity", {})
+            earlier = [(value, kind) for time, value, kind in keys.get("keys", []) if frame_of(time) <= t]
+            assert all(kind == "HOLD" for _, kind in earlier)
+            if not keys or earlier[-1:] == [(100, "HOLD")]:
+                shown.append(layer["name"])
+        assert shown == [world.puppet.names[k] for k in order[t]]
 
 
 def frame_of(time):

@@ -1,13 +1,12 @@
 """After Effects: NAME.jsx, a script that builds the composition, and the parts' picture sequences beside it.
 
 File > Scripts > Run Script File. It makes a composition of the video's size, rate and length; imports every part as a
-sequence with straight alpha; lays them in order, with a new set of layers where the order changes; gives each layer its
+sequence with straight alpha; lays them in order, with further layers where the order changes; gives each layer its
 part's outlines as animated masks (mode None: they cut nothing until you say so); and makes a null per hinge. Keys are
 held where a drawing is held. The language is ExtendScript, which is ECMAScript 3.
 """
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +18,7 @@ from wildpuppet.export.keys import Key, Segment, joints, keys
 from wildpuppet.export.manifest import Manifest
 from wildpuppet.export.naming import file_names
 from wildpuppet.export.options import Options
+from wildpuppet.export.stacking import sheets
 from wildpuppet.geometry.affine import apply
 from wildpuppet.machine import Progress
 
@@ -75,25 +75,38 @@ SCRIPT = """
         setKeys(mask.property("ADBE Mask Shape"), outline.keys, shapes);
     }
 
+    function showIn(layer, spans) {
+        var end = spans[spans.length - 1][1], keys = [], values = [], k;
+        layer.inPoint = at(spans[0][0]);
+        layer.outPoint = end < FRAMES ? at(end) : comp.duration;
+        if (spans.length > 1) {
+            for (k = 0; k < spans.length; k++) {
+                keys.push([spans[k][0], 1]);
+                values.push(100);
+                if (spans[k][1] < FRAMES) {
+                    keys.push([spans[k][1], 1]);
+                    values.push(0);
+                }
+            }
+            setKeys(layer.property("ADBE Transform Group").property("ADBE Opacity"), keys, values);
+        }
+    }
+
     var here = new File($.fileName).parent;
-    var footage = [], i, j, m, comp, stack, layer, outlines, helper;
+    var footage = [], i, j, comp, part, layer, helper;
     app.beginUndoGroup("wildpuppet: " + NAME);
     try {
         comp = app.project.items.addComp(NAME, WIDTH, HEIGHT, 1, DURATION, RATE);
         for (i = 0; i < PARTS.length; i++) {
             footage.push(footageOf(PARTS[i]));
         }
-        for (i = 0; i < STACKS.length; i++) {
-            stack = STACKS[i];
-            for (j = 0; j < stack.layers.length; j++) {
-                layer = comp.layers.add(footage[stack.layers[j].part]);
-                layer.name = PARTS[stack.layers[j].part].name;
-                layer.inPoint = at(stack.start);
-                layer.outPoint = stack.end < FRAMES ? at(stack.end) : comp.duration;
-                outlines = stack.layers[j].outlines;
-                for (m = 0; m < outlines.length; m++) {
-                    addMask(layer, layer.name + " outline " + (m + 1), outlines[m]);
-                }
+        for (i = 0; i < SHEETS.length; i++) {
+            part = PARTS[SHEETS[i].part];
+            layer = comp.layers.add(footage[SHEETS[i].part]);
+            layer.name = part.name;
+            showIn(layer, SHEETS[i].spans);
+            for (j = 0; j < part.outlines.length; j++) {
+                addMask(layer, part.name + " outline " + (j + 1), part.outlines[j]);
             }
         }
         for (i = 0; i < JOINTS.length; i++) {
@@ -144,27 +157,21 @@ def _data(animation: Animation, pictures: Sequence[str]) -> dict[str, Any]:
     return {
         "NAME": animation.name, "WIDTH": width, "HEIGHT": height, "RATE": float(timing.rate),
         "FRAMES": len(animation), "DURATION": round(float(timing.end_seconds()), 9), "TIMES": times,
-        "PARTS": [
-            {"name": name, "pictures": path} for name, path in zip(animation.puppet.names, pictures, strict=True)
-        ],
-        "STACKS": _stacks(animation),
+        "PARTS": _parts(animation, pictures),
+        "SHEETS": [{"part": sheet.layer, "spans": sheet.spans} for sheet in sheets(animation.order)],
         "JOINTS": _nulls(animation),
         "SHOTS": animation.shot_starts,
     }  # fmt: skip
 
 
-def _stacks(animation: Animation) -> Iterator[dict[str, Any]]:
-    """Give the spans of one order each, their layers back to front."""
+def _parts(animation: Animation, pictures: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """Give every part's name, pictures and masks."""
     from wildpuppet.export.outlines import outlines
 
-    edges = [outlines(animation.puppet, layer) for layer in range(animation.puppet.num_layers)]
-    for start, end in pairwise([*animation.order_changes, len(animation)]):
-        every = _keys(animation, Segment("", start, end))
-        layers = (
-            {"part": layer, "outlines": (_mask(animation, outline, every) for outline in edges[layer])}
-            for layer in animation.order[start].tolist()
-        )
-        yield {"start": start, "end": end, "layers": layers}
+    every = _keys(animation)
+    for layer, (name, path) in enumerate(zip(animation.puppet.names, pictures, strict=True)):
+        masks = (_mask(animation, outline, every) for outline in outlines(animation.puppet, layer))
+        yield {"name": name, "pictures": path, "outlines": masks}
 
 
 def _mask(animation: Animation, outline: "Outline", every: Sequence[Key]) -> dict[str, Any]:
@@ -172,13 +179,13 @@ def _mask(animation: Animation, outline: "Outline", every: Sequence[Key]) -> dic
     return {"keys": _steps(every), "points": places}
 
 
-def _keys(animation: Animation, span: Segment) -> list[Key]:
+def _keys(animation: Animation) -> list[Key]:
     """Key what is seen in the video: a new key where the drawing or its window moves."""
     seen = [
         (pose, window.tobytes())
         for pose, window in zip(animation.pose.tolist(), animation.video_from_crop, strict=True)
     ]
-    return list(keys(seen, span, animation.shot_starts))
+    return list(keys(seen, Segment("", 0, len(animation)), animation.shot_starts))
 
 
 def _steps(every: Sequence[Key]) -> list[list[int]]:
@@ -186,7 +193,7 @@ def _steps(every: Sequence[Key]) -> list[list[int]]:
 
 
 def _nulls(animation: Animation) -> list[dict[str, Any]]:
-    every = _keys(animation, Segment("", 0, len(animation)))
+    every = _keys(animation)
     maps = animation.video_from_crop
     return [
         {
