@@ -61,15 +61,24 @@ def test_splines_cut_the_parts_out_of_every_frame(world, project):
         assert np.array_equal(handles[:, 2], handles[:, 1])
 
 
-def test_tracks_are_stacked_and_empty_where_the_character_is_lost(project):
-    assert [track.get("producer") for track in project.findall("./tractor/track")] == ["under", "track0", "track1"]
-    track = project.find("./playlist[@id='track1']")
-    shown = [(item.tag, item.get("in"), item.get("out"), item.get("length")) for item in track]
-    assert shown == [
-        ("entry", "0", str(LOST - 1), None), ("blank", None, None, "1"), ("entry", str(LOST + 1), "7", None)
-    ]  # fmt: skip
+def test_tracks_show_the_parts_in_order_and_nothing_where_the_character_is_lost(world, project):
+    first, *names = (track.get("producer") for track in project.findall("./tractor/track"))
+    assert first == "under"
+    tracks = []
+    for name in names:
+        shown = []
+        for item in project.find(f"./playlist[@id='{name}']"):
+            if item.tag == "blank":
+                shown += [None] * int(item.get("length"))
+            else:
+                assert int(item.get("in")) == len(shown)  # the spline's frames are the timeline's
+                shown += [int(item.get("producer").removeprefix("part"))] * (int(item.get("out")) - len(shown) + 1)
+        assert len(shown) == NUM_FRAMES
+        tracks.append(shown)
+    for t, order in enumerate(world.animation.order.tolist()):
+        assert [track[t] for track in tracks if track[t] is not None] == ([] if t == LOST else order)
     blends = [properties(each) for each in project.findall("./tractor/transition")]
-    assert [(each["a_track"], each["b_track"]) for each in blends] == [("0", "1"), ("0", "2")]
+    assert [(each["a_track"], each["b_track"]) for each in blends] == [("0", "1"), ("0", "2"), ("0", "3")]
 
 
 def test_a_held_spline_stands_still(world):

@@ -2,8 +2,8 @@
 
 Each track is a flat colour under ``rotoscoping`` filters, one per outline, so that the file plays as it is; put your
 clip in the colour's place, or copy the filter onto it in the editor. Splines are in shares of the picture's width and
-height, their frames counted from the track's start. A track is empty where the character is lost. Tracks lie in the
-first frame's order.
+height, their frames counted from the track's start. A track is empty where the character is lost, and a part that
+changes its place in the order has further tracks.
 """
 
 import json
@@ -22,6 +22,7 @@ from wildpuppet.export.naming import file_names, printable
 from wildpuppet.export.options import Options
 from wildpuppet.export.outlines import Outline, outlines
 from wildpuppet.export.palette import colour_of
+from wildpuppet.export.stacking import Sheet, sheets
 from wildpuppet.geometry.affine import apply
 from wildpuppet.machine import Progress
 
@@ -32,25 +33,23 @@ Element = ElementTree.Element
 
 def write(animation: Animation, folder: Path, options: Options, progress: Progress) -> Manifest:
     """Write NAME.mlt."""
-    last, order = len(animation) - 1, animation.order[0].tolist()
+    last, stack = len(animation) - 1, sheets(animation.order)
     root = ElementTree.Element("mlt", {"LC_NUMERIC": "C", "version": "7.0.0", "producer": "main", "root": ""})
     root.set("title", printable(animation.name))
     root.append(_profile(animation))
     root.append(_colour("under", "#00000000", last))
-    for done, layer in enumerate(order, 1):
+    for layer, name in enumerate(animation.puppet.names):
         red, green, blue = colour_of(layer)
         producer = _colour(f"part{layer}", f"#ff{red:02x}{green:02x}{blue:02x}", last)
-        _property(producer, "kdenlive:clipname", printable(animation.puppet.names[layer]))
+        _property(producer, "kdenlive:clipname", printable(name))
         producer.extend(_filters(animation, outlines(animation.puppet, layer)))
         root.append(producer)
-        root.append(_playlist(animation, layer))
-        progress(done, len(order))
-    root.append(_tractor(order, last))
+        progress(layer + 1, animation.puppet.num_layers)
+    root.extend(_playlist(animation, number, sheet) for number, sheet in enumerate(stack))
+    root.append(_tractor(len(stack), last))
     path = folder / f"{file_names([animation.name])[0]}.mlt"
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
     left_out = ["meshes, textures, joints: these are outlines", "holes in parts and their small islands"]
-    if len(animation.order_changes) > 1:
-        left_out.append("changes of the draw order: restack the tracks where order_back_to_front says so")
     if animation.timing.is_variable:
         left_out.append("the clip's uneven times: MLT counts frames")
     return Manifest("top left corner of the picture", "x right, y down, shares of W and H", 0, 1.0, tuple(left_out))
@@ -110,23 +109,24 @@ def _shares(animation: Animation, outline: Outline, t: int) -> list[list[list[fl
     return [[point] * 3 for point in np.round(places / np.array(animation.size), DECIMALS).tolist()]
 
 
-def _playlist(animation: Animation, layer: int) -> Element:
-    playlist = ElementTree.Element("playlist", {"id": f"track{layer}"})
-    for is_visible, run in groupby(range(len(animation)), lambda t: bool(animation.is_visible[t])):
-        frames = list(run)
-        if is_visible:
-            place = {"producer": f"part{layer}", "in": str(frames[0]), "out": str(frames[-1])}
+def _playlist(animation: Animation, number: int, sheet: Sheet) -> Element:
+    """Lay a part's pieces on a track; between them, and where the character is lost, the track is empty."""
+    playlist = ElementTree.Element("playlist", {"id": f"track{number}"})
+    for is_shown, run in groupby(enumerate(sheet.shown(animation.is_visible).tolist()), key=lambda pair: pair[1]):
+        frames = [t for t, _ in run]
+        if is_shown:
+            place = {"producer": f"part{sheet.layer}", "in": str(frames[0]), "out": str(frames[-1])}
             ElementTree.SubElement(playlist, "entry", place)
         else:
             ElementTree.SubElement(playlist, "blank", {"length": str(len(frames))})
     return playlist
 
 
-def _tractor(order: Sequence[int], last: int) -> Element:
+def _tractor(num_tracks: int, last: int) -> Element:
     tractor = ElementTree.Element("tractor", {"id": "main", "in": "0", "out": str(last)})
-    for name in ("under", *(f"track{layer}" for layer in order)):
+    for name in ("under", *(f"track{number}" for number in range(num_tracks))):
         ElementTree.SubElement(tractor, "track", {"producer": name})
-    for track in range(1, len(order) + 1):
+    for track in range(1, num_tracks + 1):
         over = ElementTree.SubElement(tractor, "transition", {"in": "0", "out": str(last)})
         for key, value in (("a_track", 0), ("b_track", track), ("mlt_service", "qtblend"), ("always_active", 1)):
             _property(over, key, value)

@@ -2,7 +2,7 @@
 
 - ``Hinges``, a Tracker4 with a track per hinge, switched off where the character is lost.
 - ``PART_pin``, a CornerPin2D per part: its picture at rest, turned, scaled, sheared and moved as the part does on the
-  whole; the pins are merged in the first frame's order. Bending is left out; the manifest says how far that is off.
+  whole; they are merged in the order of each frame. Bending is left out; the manifest says how far that is off.
 - ``Drawn``, an STMap that draws the puppet exactly from atlas.png and the ``exr`` export, if that lies beside this one.
 
 y is up, zero at the picture's lower left corner. The text is Tcl; curves have a key in every frame.
@@ -21,6 +21,7 @@ from wildpuppet.export.naming import file_names, identifiers
 from wildpuppet.export.options import Options
 from wildpuppet.export.pieces import joint_names, joint_places
 from wildpuppet.export.sprites import Sprite, sprites_at_rest
+from wildpuppet.export.stacking import sheets
 from wildpuppet.geometry.affine import apply
 from wildpuppet.machine import Progress
 
@@ -63,8 +64,6 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
 
 def _left_out(animation: Animation) -> Iterator[str]:
     yield "the meshes' bending, in the corner pins; the STMap has it, and needs the exr export"
-    if len(animation.order_changes) > 1:
-        yield "changes of the draw order, in the merged corner pins: the STMap has them"
     if animation.timing.is_variable:
         yield "the clip's uneven times: Nuke counts frames"
 
@@ -138,28 +137,37 @@ def _pins(
     stems: Sequence[str],
     first: int,
 ) -> Iterator[str]:
-    """Pin every part's picture and merge the pins, back to front as in the first frame."""
-    hidden = curve(first, [1.0 - seen for seen in _seen(animation)], is_stepped=True)
+    """Pin every part's picture, and merge the pins back to front: one merge for each place that a part has."""
     names = identifiers(animation.puppet.names)
     width, height = animation.size
-    yield f' Constant {{\n inputs 0\n format "{width} {height} 0 0 {width} {height} 1"\n name Empty\n}}\n'.lstrip()
-    yield "set under [stack 0]\n"
-    for layer in animation.order[0].tolist():
-        sprite = sprites[layer]
-        h, w = sprite.rgba.shape[:2]
-        corners = np.array([[0, h], [w, h], [w, 0], [0, 0]], np.float64) + np.array([sprite.left, sprite.top])
-        pinned = _up(animation, np.stack([apply(maps[t, layer], corners) for t in range(len(animation))]))
+    for layer, sprite in enumerate(sprites):
         yield f'Read {{\n inputs 0\n file_type png\n file "{HERE}/parts/{stems[layer]}.png"\n'
         yield f" premultiplied false\n name {names[layer]}_picture\n}}\n"
-        yield f"Premult {{\n name {names[layer]}_premult\n}}\nCornerPin2D {{\n"
-        for k in range(4):
-            x, y = (curve(first, line.tolist()) for line in pinned[:, k].T)
-            yield f" to{k + 1} {{{x} {y}}}\n"
-        for k, (x, y) in enumerate(((0, 0), (w, 0), (w, h), (0, h)), 1):
-            yield f" from{k} {{{x} {y}}}\n"
-        yield f" name {names[layer]}_pin\n}}\npush $under\n"
-        yield f"Merge2 {{\n inputs 2\n operation over\n disable {{{hidden}}}\n name {names[layer]}_over\n}}\n"
-        yield "set under [stack 0]\n"
+        yield f"Premult {{\n name {names[layer]}_premult\n}}\n"
+        yield from _pin(animation, maps[:, layer], sprite, names[layer], first)
+        yield f"set pin{layer} [stack 0]\n"
+    yield f'Constant {{\n inputs 0\n format "{width} {height} 0 0 {width} {height} 1"\n name Empty\n}}\n'
+    yield "set under [stack 0]\n"
+    for number, sheet in enumerate(sheets(animation.order), 1):
+        hidden = curve(first, (~sheet.shown(animation.is_visible)).astype(float).tolist(), is_stepped=True)
+        yield f"push $pin{sheet.layer}\npush $under\nMerge2 {{\n inputs 2\n operation over\n disable {{{hidden}}}\n"
+        yield f" name {names[sheet.layer]}_over_{number}\n}}\nset under [stack 0]\n"
+
+
+def _pin(
+    animation: Animation, moved: Float[np.ndarray, "T 2 3"], sprite: Sprite, name: str, first: int
+) -> Iterator[str]:
+    """Carry a picture's corners along: lower left, lower right, upper right, upper left."""
+    h, w = sprite.rgba.shape[:2]
+    corners = np.array([[0, h], [w, h], [w, 0], [0, 0]], np.float64) + np.array([sprite.left, sprite.top])
+    pinned = _up(animation, apply(moved, corners[None]))
+    yield "CornerPin2D {\n"
+    for k in range(4):
+        x, y = (curve(first, line.tolist()) for line in pinned[:, k].T)
+        yield f" to{k + 1} {{{x} {y}}}\n"
+    for k, (x, y) in enumerate(((0, 0), (w, 0), (w, h), (0, h)), 1):
+        yield f" from{k} {{{x} {y}}}\n"
+    yield f" name {name}_pin\n}}\n"
 
 
 def _drawn(animation: Animation, first: int) -> Iterator[str]:
