@@ -145,7 +145,7 @@ def _keyframes_part(
     settings: SearchSettings,
     machine: Machine,
 ) -> Followed:
-    from wildpuppet.fit.follow import follow
+    from wildpuppet.pose.follow import follow
 
     return follow(puppet, crops, placement, hypotheses, keyframe, settings, machine)
 

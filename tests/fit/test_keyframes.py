@@ -9,10 +9,10 @@ import pytest
 
 from tests.fit.arms import FRAMES, HAND, PLACE, Arms, cutout, draw
 from wildpuppet.fit.fit import fit
-from wildpuppet.fit.follow import follow
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
 from wildpuppet.pose.choose import choose
+from wildpuppet.pose.follow import follow
 from wildpuppet.pose.keyframes import joined, read_keyframe
 from wildpuppet.pose.place import pose_vertices
 from wildpuppet.pose.search import search

@@ -14,8 +14,8 @@ from pipelines import fit_frames
 from pipelines.cli import run_command
 from tests.fit.arms import FRAMES, HAND, cutout, draw
 from tests.pipelines.drawn import final_files, made_now
-from wildpuppet.fit import follow
 from wildpuppet.geometry import affine
+from wildpuppet.pose import follow
 from wildpuppet.puppet.folder import write_cutout
 from wildpuppet.video.write import write_preview
 

@@ -18,6 +18,7 @@ from wildpuppet.pose import kernels
 from wildpuppet.pose.dynamic import Springs, State, pull_table, solve
 from wildpuppet.pose.moves import Candidate, best_candidates, spring_cost, twin_limbs
 from wildpuppet.pose.place import pose_vertices, rest_box, size_of
+from wildpuppet.pose.pull import Pull
 from wildpuppet.pose.templates import PartImage, Templates, make_templates, palette_of, part_images
 from wildpuppet.pose.tree import Tree, part_areas, tree_of
 from wildpuppet.render.render import Mesh, mesh_of
@@ -133,12 +134,13 @@ def search_from(
     placement: Float[np.ndarray, "2 3"],
     frame: int,
     starts: list[tuple[Float[np.ndarray, "L 2 3"], Int[np.ndarray, "L"]]],
+    pull: Pull | None = None,
 ) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]:
     """Search one frame again with poses (crop from canvas, order) to start from, at the size of the first."""
     size = float(np.mean([size_of(one) for one in starts[0][0]]))
     expected = int(_expected_steps(searcher, crops, placement)[frame])
     image = crops.images[frame : frame + 1][0]
-    return _search_one(searcher, image, searcher.size_step(size), expected, starts, fixed_size=True)[:3]
+    return _search_one(searcher, image, searcher.size_step(size), expected, starts, True, pull)[:3]
 
 
 def size_after(hypotheses: Hypotheses) -> float:
@@ -165,6 +167,7 @@ def _search_one(
     expected: int,
     starts: list[tuple[Float[np.ndarray, "L 2 3"], Int[np.ndarray, "L"]]],
     fixed_size: bool,
+    pull: Pull | None = None,
 ) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"], int]:
     evidence = ev.evidence_of(image, searcher.search_from_crop)
     templates, texture = searcher.at_size(step)
@@ -179,6 +182,8 @@ def _search_one(
         )
         for layer in range(len(searcher.images))
     ]  # fmt: skip
+    if pull is not None:
+        pull.add_to(unary, searcher.images, templates, searcher.search_from_crop)
     solution = solve(unary, searcher.tree, searcher.images, templates, springs)
     unit = float(part_weight.sum() / templates.area.sum())
 
@@ -187,7 +192,10 @@ def _search_one(
         vertices = pose_vertices(searcher.puppet, poses)
         order = np.array([c.order for c in candidates])
         pixels = ev.unexplained_cost(evidence, vertices, order, searcher.mesh, texture)
-        costs: Float[np.ndarray, "B"] = unit * pixels + spring_cost(solution, np.array([c.states for c in candidates]))
+        states = np.array([c.states for c in candidates])
+        costs: Float[np.ndarray, "B"] = unit * pixels + spring_cost(solution, states)
+        if pull is not None:
+            costs = costs + pull.on_states(states, searcher.images, templates, searcher.search_from_crop)
         return costs + searcher.settings.reorder * (np.diff(order, axis=1) < 0).any(1)
 
     seeds = [_nearest_candidate(searcher, templates, evidence, m, o) for m, o in starts]
