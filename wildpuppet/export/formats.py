@@ -113,7 +113,8 @@ FORMATS: tuple[Format, ...] = (
     Format("flo", "Middlebury optical flow to the next frame", "flow tools, OpenCV", "exact", "OpenCV", "flo"),
     Format(
         "dragonbones", "DragonBones 5.5: a bone per part, meshes with deform keys",
-        "DragonBones, LoongBones, Cocos, Pixi, Egret", "exact", "DragonBones runtime (node), PixiJS (Chromium)", "dragonbones",
+        "DragonBones, LoongBones, Cocos, Pixi, Egret", "exact", "DragonBones runtime (node), PixiJS (Chromium)",
+        "dragonbones",
     ),
     Format(
         "spine", "Spine 4.2 JSON: a bone per part, meshes with deform keys", "Spine, engines with its runtime",
