@@ -104,13 +104,13 @@ class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Cost of a hinge that opens by its slack, in units of an average part's evidence. Higher holds limbs tighter."""
     hinge_reach: Share = 0.2
     """Farthest opening of a hinge, as a share of the character's size."""
-    hinge_drawings: Annotated[int, Meta(ge=0, le=1000)] = 16
+    hinge_drawings: Annotated[int, Meta(ge=0, le=1000)] = 12
     """Drawings from which the hinges' places are learnt before the search; 0 takes them as the puppet has them."""
     turn: NotNegative = 0.05
     """Cost of turning a part against its parent, per squared radian (linear beyond half a radian)."""
     reorder: NotNegative = 0.2
     """Cost of drawing the layers in another order than the puppet's, in units of an average part's evidence."""
-    time_weight: NotNegative = 3.0
+    time_weight: NotNegative = 1.0
     """Cost of parts moving between drawings, per part and character size. 0 takes each frame by itself."""
 
 

@@ -68,7 +68,7 @@ class Solution:
     springs: Springs
     images: tuple[PartImage, ...]
     unary: tuple[Float[np.ndarray, "K H W"], ...]
-    accumulated: tuple[Float[np.ndarray, "K H W"], ...]
+    accumulated: tuple[Float[np.ndarray, "K _ _"], ...]
     links: dict[int, Link]
     turn: Float[np.ndarray, "K"]
 

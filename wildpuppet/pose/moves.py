@@ -5,7 +5,7 @@ the composite (``evidence.unexplained_cost``: one explanation per pixel), and th
 programme itself offers as second and third choices, plus explicit swaps of limbs that look alike.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,8 @@ class Candidate:
     order: tuple[int, ...]
 
 
+Rehang = Callable[[Candidate, int, Sequence[int], int], list[Candidate]]
+"""``rehang(pose, head, free, num)``: the ``num`` best poses of the limb at ``head``, the parts ``free`` not there."""
 Judge = Callable[[list[Candidate]], Float[np.ndarray, "B"]]
 """Costs of whole poses, lower is better."""
 
@@ -30,10 +32,11 @@ Judge = Callable[[list[Candidate]], Float[np.ndarray, "B"]]
 def best_candidates(
     solution: Solution,
     judge: Judge,
+    rehang: Rehang,
     twins: list[tuple[tuple[int, ...], tuple[int, ...]]],
     starts: list[Candidate],
     num_best: int,
-    rounds: int = 3,
+    rounds: int = 2,
 ) -> list[tuple[float, Candidate]]:
     """Search from the root's best modes and from ``starts``; return distinct poses, best first."""
     order = tuple(range(len(solution.images)))
@@ -56,8 +59,43 @@ def best_candidates(
             consider(list(_limb_moves(solution, candidate)) + list(_swaps(solution, candidate, twins)))
         top = min(pool, key=pool.__getitem__)
         consider(list(_reorders(solution.tree, top)))
+    _rehang_limbs(solution.tree, rehang, twins, pool, consider)
     ranked = sorted(pool, key=pool.__getitem__)
     return _distinct([(pool[c], c) for c in ranked], num_best, len(solution.templates.radians))
+
+
+SWEEPS = 2
+"""How often every limb of the best pose is taken off and hung anew."""
+
+
+def _rehang_limbs(
+    tree: Tree,
+    rehang: Rehang,
+    twins: list[tuple[tuple[int, ...], tuple[int, ...]]],
+    pool: dict[Candidate, float],
+    consider: Callable[[list[Candidate]], None],
+) -> None:
+    """Hang every limb of the best pose anew, then both of every pair of sisters, while that improves it."""
+    parents = {edge.child: edge.parent for edge in tree.edges}
+    sisters = [pair for pair in twins if parents[pair[0][0]] == parents[pair[1][0]]]
+    for _ in range(SWEEPS):
+        before = min(pool.values())
+        for head in _limb_heads(tree):
+            top = min(pool, key=pool.__getitem__)
+            consider(rehang(top, head, tree.below(head), 2))
+        for pair in sisters:
+            top = min(pool, key=pool.__getitem__)
+            for first, second in (pair, pair[::-1]):
+                for half in rehang(top, first[0], [*first, *second], 1):
+                    consider(rehang(half, second[0], second, 1))
+        if min(pool.values()) >= before - 1e-9:
+            break
+
+
+def _limb_heads(tree: Tree) -> list[int]:
+    """List where limbs begin: a part of a chain goes with the chain's first, unless that hangs from a fork."""
+    forks = {edge.parent for edge in tree.edges if len(tree.children(edge.parent)) > 1} | {tree.root}
+    return [edge.child for edge in tree.edges if edge.parent in forks]
 
 
 def spring_cost(solution: Solution, states: Int[np.ndarray, "B L 3"]) -> Float[np.ndarray, "B"]:
@@ -156,8 +194,14 @@ def _differs(a: Candidate, b: Candidate, num_angles: int) -> bool:
     return bool((np.abs(turn) > num_angles // 12).any() or (np.abs(first[:, 1:] - second[:, 1:]) > 4).any())
 
 
-def twin_limbs(tree: Tree, areas: Float[np.ndarray, "L"]) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """Pair limbs of as many parts and about the same size at every joint: a left and a right one."""
+ALIKE = 25.0
+"""Largest distance in Lab between the mean colours of parts that can be taken for one another."""
+
+
+def twin_limbs(
+    tree: Tree, areas: Float[np.ndarray, "L"], colours: Float[np.ndarray, "L 3"]
+) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Pair limbs of as many parts, of about the same sizes and colours (Lab) one by one: a left and a right one."""
     heads = [edge.child for edge in tree.edges]
     pairs = []
     for i, first in enumerate(heads):
@@ -166,6 +210,7 @@ def twin_limbs(tree: Tree, areas: Float[np.ndarray, "L"]) -> list[tuple[tuple[in
             if len(a) != len(b) or first in b or second in a:
                 continue
             ratio = areas[list(a)] / np.maximum(areas[list(b)], 1e-6)
-            if ((ratio > 0.5) & (ratio < 2.0)).all():
+            apart = np.linalg.norm(colours[list(a)] - colours[list(b)], axis=1)
+            if ((ratio > 0.5) & (ratio < 2.0)).all() and (apart < ALIKE).all():
                 pairs.append((a, b))
     return pairs

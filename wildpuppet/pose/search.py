@@ -6,6 +6,7 @@ before: neighbouring sizes are tried on the best pose, and the templates of the 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,7 +20,15 @@ from wildpuppet.pose.dynamic import Springs, State, pull_table, solve
 from wildpuppet.pose.moves import Candidate, best_candidates, spring_cost, twin_limbs
 from wildpuppet.pose.place import pose_vertices, rest_box, size_of
 from wildpuppet.pose.pull import Pull
-from wildpuppet.pose.templates import PartImage, Templates, make_templates, palette_of, part_images
+from wildpuppet.pose.rehang import Picture, hung_anew
+from wildpuppet.pose.templates import (
+    PartImage,
+    Templates,
+    make_templates,
+    mean_colours,
+    palette_of,
+    part_images,
+)
 from wildpuppet.pose.tree import Tree, part_areas, tree_of
 from wildpuppet.render.render import Mesh, mesh_of
 from wildpuppet.render.texture import Texture, texture_at
@@ -50,7 +59,7 @@ class Searcher:
         self.images = part_images(self.puppet)
         self.tree = tree_of(self.puppet)
         self.mesh = mesh_of(self.puppet)
-        self.twins = twin_limbs(self.tree, part_areas(self.puppet))
+        self.twins = twin_limbs(self.tree, part_areas(self.puppet), mean_colours(self.images))
 
     def size_step(self, crop_scale: float) -> int:
         """Round a size (crop pixels per canvas pixel) to its step."""
@@ -86,7 +95,7 @@ def search(
 
     ``placement`` (crop from canvas) stands for the reference crop; ``size`` (crop pixels per canvas pixel) is
     expected in the first of ``frames`` (``size_after`` chains chunks).
-    A frame that shows the drawing of the frame solved before it repeats that frame's poses.
+    A frame that shows the drawing of the frame solved before it repeats its poses: its window moves with the drawing.
     """
     searcher = searcher_of(puppet, placement, settings)
     expected = _expected_steps(searcher, crops, placement)
@@ -95,9 +104,7 @@ def search(
     for done, frame in enumerate(frames):
         before = frames[done - 1] if done else None
         if before is not None and crops.drawing[frame] == crops.drawing[before]:
-            maps, order, cost = found[-1]
-            moved = affine.compose(_between(crops, int(frame), int(before))[None, None], maps)
-            found.append((moved, order, cost))
+            found.append(found[-1])
         else:
             starts = []
             if before is not None and crops.ordered and crops.shot[frame] == crops.shot[before]:
@@ -182,8 +189,11 @@ def _search_one(
         )
         for layer in range(len(searcher.images))
     ]  # fmt: skip
+    pulled: tuple[Float[np.ndarray, "K H W"], ...] = ()
     if pull is not None:
-        pull.add_to(unary, searcher.images, templates, searcher.search_from_crop)
+        pulled = tuple(np.zeros_like(costs) for costs in unary)
+        pull.add_to(list(pulled), searcher.images, templates, searcher.search_from_crop)
+        unary = [costs + more for costs, more in zip(unary, pulled, strict=True)]
     solution = solve(unary, searcher.tree, searcher.images, templates, springs)
     unit = float(part_weight.sum() / templates.area.sum())
 
@@ -198,8 +208,16 @@ def _search_one(
             costs = costs + pull.on_states(states, searcher.images, templates, searcher.search_from_crop)
         return costs + searcher.settings.reorder * (np.diff(order, axis=1) < 0).any(1)
 
+    wrong = ev.disagreement(((evidence.lab[None] - searcher.palette[:, None, None]) ** 2).sum(-1))
+    picture = Picture(evidence, wrong, searcher.mesh, texture, unit, pulled)
+
+    def rehang(candidate: Candidate, head: int, free: Sequence[int], num: int) -> list[Candidate]:
+        vertices = pose_vertices(searcher.puppet, _maps_of(searcher, templates, candidate.states)[None])[0]
+        found = hung_anew(picture, solution, candidate.states, candidate.order, vertices, head, free, num)
+        return [Candidate(states, candidate.order) for states in found]
+
     seeds = [_nearest_candidate(searcher, templates, evidence, m, o) for m, o in starts]
-    best = best_candidates(solution, judge, searcher.twins, seeds, searcher.settings.num_best)
+    best = best_candidates(solution, judge, rehang, searcher.twins, seeds, searcher.settings.num_best)
     if not fixed_size:
         step = _better_size(searcher, evidence, best[0][1], templates, step, expected)
     return (*_hypotheses(searcher, templates, best), step)

@@ -67,6 +67,14 @@ def lab(rgb: Float[np.ndarray, "H W 3"]) -> Float[np.ndarray, "H W 3"]:
     return converted
 
 
+def mean_colours(images: tuple[PartImage, ...]) -> Float[np.ndarray, "L 3"]:
+    """Give each part's mean colour in Lab."""
+    sums = np.stack([image.premultiplied.reshape(-1, 4).sum(0) for image in images])
+    colours = (sums[:, :3] / np.maximum(sums[:, 3:], 1e-6)).clip(0, 1)
+    mean: Float[np.ndarray, "L 3"] = lab(colours[None].astype(np.float32))[0]
+    return mean
+
+
 def palette_of(images: tuple[PartImage, ...], scale: float, num_colours: int) -> Float[np.ndarray, "C 3"]:
     """Cluster the parts' colours, as seen at ``scale``, in Lab."""
     samples = []
