@@ -117,7 +117,6 @@ def test_frames_of_one_drawing_repeat_its_poses():
     assert np.abs(found.crop_from_canvas[2] - found.crop_from_canvas[1]).max() > 1.0
 
 
-
 def test_same_again():
     scene, puppet, crops = drawn("crossing", frames=2)
     first, second = (searched(scene, puppet, crops, [0]) for _ in range(2))
