@@ -70,10 +70,6 @@ def test_character_is_found_again_after_a_cut(tmp_path: Path) -> None:
     assert is_where_it_belongs(found)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="walking back, the search moves a hold's poses with the video, while its windows go with the drawing",
-)
 def test_held_drawings_are_found_and_do_not_move_by_a_bit(tmp_path: Path) -> None:
     found = judge("twos and threes", tmp_path)
     drawing, fit = found.run.crops.drawing, found.run.fit
