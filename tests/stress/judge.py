@@ -98,7 +98,7 @@ def judge(name: str, folder: Path) -> Judged:
         video, clip.box, at=clip.at, puppet=folder / "puppet", out=folder / "out", store=folder / "store",
         settings={
             "crop": {"box_pixels": BOX_PIXELS},
-            "search": {"hinge_drawings": 0},  # the drawn puppet's hinges are true, and learning them costs half the time
+            "search": {"hinge_drawings": 0},  # the drawn hinges are true; learning them costs half the time
             "out": {"preview": False},
         },
     )  # fmt: skip
