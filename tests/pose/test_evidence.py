@@ -12,6 +12,7 @@ from wildpuppet.pose.evidence import (
     SIGMA,
     SMOOTH,
     UNEXPLAINED,
+    colours_wrong,
     disagreement_maps,
     evidence_of,
     lab_texture,
@@ -92,7 +93,7 @@ def test_template_cost_in_place_is_minus_what_it_explains():
     palette = palette_of(images, 1.0, 4)
     templates = make_templates(images, 1.0, 8, palette)
     evidence = evidence_of(frame(), 1.0)
-    maps = disagreement_maps(evidence, palette, templates.reach)
+    maps = disagreement_maps(evidence, colours_wrong(evidence, palette), templates.reach)
     costs = template_costs(
         maps, templates.pixels, templates.weights, templates.start[0], templates.count[0], templates.reach, 48, 64
     )

@@ -68,7 +68,7 @@ def drawn() -> Drawn:
     springs = Springs(pull_table(2.0, 0.02, 10), pull_table(4.0, 0.02, 10), 0.02)
     unary = [np.zeros((ANGLES, *SIZE[::-1]), np.float32) for _ in images]
     solution = solve(unary, tree_of(PUPPET), images, templates, springs)
-    wrong = ev.disagreement(((evidence.lab[None] - palette[:, None, None]) ** 2).sum(-1))
+    wrong = ev.colours_wrong(evidence, palette)
     texture = ev.lab_texture(texture_at(PUPPET, 1.0))
     return Drawn(Picture(evidence, wrong, mesh_of(PUPPET), texture, 0.02), solution, templates)
 

@@ -58,6 +58,12 @@ class Link:
     from_child: Int[np.ndarray, "K 2"]
     pull: Float[np.ndarray, "R"]
 
+    def pull_of(self, gap: Int[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """Cost of gaps (search pixels, not negative) along an axis; beyond the table it goes on linearly."""
+        beyond = np.maximum(gap - len(self.pull) + 1, 0)
+        cost: Float[np.ndarray, "*shape"] = self.pull[gap - beyond] + beyond * (self.pull[-1] - self.pull[-2])
+        return cost
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -112,11 +118,15 @@ def solve(
     }
     turn = turn_costs(templates.radians, springs.turn)
     for edge in reversed(tree.edges):
-        link = links[edge.child]
-        message = kernels.shift_each(accumulated[edge.child], -link.from_child, OUTSIDE)
-        message = kernels.turn_transform(kernels.spring_transform(message, link.pull), turn)
-        accumulated[edge.parent] += kernels.shift_each(message, link.from_parent, OUTSIDE)
+        send(accumulated, links[edge.child], turn)
     return Solution(tree, templates, springs, images, tuple(unary), tuple(accumulated), links, turn)
+
+
+def send(accumulated: list[Float[np.ndarray, "K _ _"]], link: Link, turn: Float[np.ndarray, "K"]) -> None:
+    """Add a child's accumulated cost to its parent's, through their joint's spring and the cost of turning."""
+    message = kernels.shift_each(accumulated[link.edge.child], -link.from_child, OUTSIDE)
+    message = kernels.turn_transform(kernels.spring_transform(message, link.pull), turn)
+    accumulated[link.edge.parent] += kernels.shift_each(message, link.from_parent, OUTSIDE)
 
 
 def root_modes(solution: Solution, num: int, apart: int) -> list[tuple[float, State]]:

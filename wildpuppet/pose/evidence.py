@@ -61,11 +61,18 @@ def behind_cost(matte: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape
     return price
 
 
+def colours_wrong(evidence: Evidence, palette: Float[np.ndarray, "C 3"]) -> Float[np.ndarray, "C H W"]:
+    """Tell how badly each pixel disagrees with each palette colour, 0..1."""
+    return disagreement(((evidence.lab[None] - palette[:, None, None]) ** 2).sum(-1))
+
+
 def disagreement_maps(
-    evidence: Evidence, palette: Float[np.ndarray, "C 3"], reach: int
+    evidence: Evidence, wrong: Float[np.ndarray, "C H W"], reach: int
 ) -> Float[np.ndarray, "C Hp Wp"]:
-    """Cost of claiming each pixel for each palette colour, relative to leaving it, padded by ``reach``."""
-    wrong = disagreement(((evidence.lab[None] - palette[:, None, None]) ** 2).sum(-1))
+    """Cost of claiming each pixel for each palette colour, relative to leaving it, padded by ``reach``.
+
+    ``wrong`` comes from ``colours_wrong``.
+    """
     gain = wrong + behind_cost(evidence.matte) - UNEXPLAINED * evidence.matte
     padded = np.pad(gain, ((0, 0), (reach, reach), (reach, reach)), constant_values=BEHIND)
     return np.ascontiguousarray(padded, np.float32)

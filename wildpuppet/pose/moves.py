@@ -105,9 +105,7 @@ def spring_cost(solution: Solution, states: Int[np.ndarray, "B L 3"]) -> Float[n
         parent, child = states[:, link.edge.parent], states[:, link.edge.child]
         a = parent[:, 1:] + link.from_parent[parent[:, 0]]
         b = child[:, 1:] + link.from_child[child[:, 0]]
-        gap = np.abs(a - b)
-        beyond = np.maximum(gap - len(link.pull) + 1, 0)
-        total += (link.pull[gap - beyond] + beyond * (link.pull[-1] - link.pull[-2])).sum(1)
+        total += link.pull_of(np.abs(a - b)).sum(1)
         total += solution.turn[(child[:, 0] - parent[:, 0]) % len(solution.turn)]
     return total
 
@@ -153,12 +151,8 @@ def _in_place_of(solution: Solution, layer: int, states: dict[int, State], model
     columns = np.arange(max(0, model[1] - reach), min(width, model[1] + reach + 1))
     parent = states[link.edge.parent]
     joint = np.array(parent[1:]) + link.from_parent[parent[0]] - link.from_child
-    last = len(link.pull) - 1
-    gap_x = np.abs(columns - joint[:, 0, None])
-    gap_y = np.abs(rows - joint[:, 1, None])
-    slope = link.pull[-1] - link.pull[-2]
-    pull_x = link.pull[np.minimum(gap_x, last)] + slope * np.maximum(gap_x - last, 0)
-    pull_y = link.pull[np.minimum(gap_y, last)] + slope * np.maximum(gap_y - last, 0)
+    pull_x = link.pull_of(np.abs(columns - joint[:, 0, None]))
+    pull_y = link.pull_of(np.abs(rows - joint[:, 1, None]))
     turn = solution.turn[(np.arange(num_angles) - parent[0]) % num_angles]
     window = costs[:, rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     total = window + pull_y[:, :, None] + pull_x[:, None] + turn[:, None, None]

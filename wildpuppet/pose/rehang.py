@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from wildpuppet.pose import evidence as ev
 from wildpuppet.pose import kernels
-from wildpuppet.pose.dynamic import OUTSIDE, Solution, State, child_modes, descend
+from wildpuppet.pose.dynamic import Solution, State, child_modes, descend, send
 from wildpuppet.render.render import Mesh, render
 from wildpuppet.render.texture import Texture
 
@@ -85,10 +85,7 @@ def hung_anew(
         accumulated[layer] = _gains(picture, solution, order, vertices, layer, free, window)
     for edge in reversed(solution.tree.edges):
         if edge.parent in limb:
-            link = solution.links[edge.child]
-            message = kernels.shift_each(accumulated[edge.child], -link.from_child, OUTSIDE)
-            message = kernels.turn_transform(kernels.spring_transform(message, link.pull), solution.turn)
-            accumulated[edge.parent] += kernels.shift_each(message, link.from_parent, OUTSIDE)
+            send(accumulated, solution.links[edge.child], solution.turn)
     conditional = replace(solution, accumulated=tuple(accumulated))
     angle, x, y = states[parent]
     at = (angle, x - window.left, y - window.top)

@@ -181,7 +181,8 @@ def _search_one(
     assert searcher.palette is not None
     springs = _springs(searcher.settings)
     part_weight = np.sqrt(templates.area / templates.area.mean())
-    maps = ev.disagreement_maps(evidence, searcher.palette, templates.reach)
+    wrong = ev.colours_wrong(evidence, searcher.palette)
+    maps = ev.disagreement_maps(evidence, wrong, templates.reach)
     unary = [
         kernels.template_costs(
             maps, templates.pixels, templates.weights * (part_weight[layer] / templates.area[layer]),
@@ -208,7 +209,6 @@ def _search_one(
             costs = costs + pull.on_states(states, searcher.images, templates, searcher.search_from_crop)
         return costs + searcher.settings.reorder * (np.diff(order, axis=1) < 0).any(1)
 
-    wrong = ev.disagreement(((evidence.lab[None] - searcher.palette[:, None, None]) ** 2).sum(-1))
     picture = Picture(evidence, wrong, searcher.mesh, texture, unit, pulled)
 
     def rehang(candidate: Candidate, head: int, free: Sequence[int], num: int) -> list[Candidate]:
