@@ -93,7 +93,7 @@ def test_exports_leave_what_the_readme_names(workplace: Path) -> None:
 @pytest.mark.parametrize("words", [*commands(OTHERS), *commands(PUPPETS)], ids=shlex.join)
 def test_other_commands_are_understood(words: list[str]) -> None:
     name, rest = command_of(words[1:])
-    parse(load(name), name, rest)
+    assert isinstance(parse(load(name), name, rest), load(name).Arguments)
 
 
 def test_ci_calls_the_readmes_test_command() -> None:

@@ -13,8 +13,9 @@ from wildpuppet.pose.dynamic import Solution, Springs, pull_table, solve
 from wildpuppet.pose.moves import spring_cost
 from wildpuppet.pose.place import pose_vertices
 from wildpuppet.pose.rehang import Picture, hung_anew
-from wildpuppet.pose.templates import Templates, lab, make_templates, palette_of, part_images
+from wildpuppet.pose.templates import Templates, make_templates, palette_of, part_images
 from wildpuppet.pose.tree import tree_of
+from wildpuppet.puppet.colour import lab
 from wildpuppet.render.render import mesh_of
 from wildpuppet.render.texture import texture_at
 

@@ -3,7 +3,8 @@ import pytest
 from skimage.color import rgb2lab
 
 from tests.pose.boxes import COLOURS, box_puppet
-from wildpuppet.pose.templates import Templates, lab, make_templates, palette_of, part_images
+from wildpuppet.pose.templates import Templates, make_templates, palette_of, part_images
+from wildpuppet.puppet.colour import lab
 
 BOXES = [(10, 6, 21, 9), (26, 10, 7, 24)]
 PUPPET = box_puppet(BOXES)

@@ -13,7 +13,7 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from wildpuppet.pose.evidence import LAB_UNIT, lab_texture
-from wildpuppet.pose.templates import lab
+from wildpuppet.puppet.colour import lab
 from wildpuppet.render.texture import Texture, texture_at
 from wildpuppet.types import Puppet
 

@@ -20,7 +20,7 @@ import torch
 from jaxtyping import Float, Int, UInt8
 
 from wildpuppet.pose.kernels import composite_costs
-from wildpuppet.pose.templates import lab
+from wildpuppet.puppet.colour import lab
 from wildpuppet.render.render import Mesh, render
 from wildpuppet.render.texture import Texture
 

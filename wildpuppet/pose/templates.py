@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int
 
+from wildpuppet.puppet.colour import lab
 from wildpuppet.types import Puppet
 
 
@@ -59,12 +60,6 @@ def part_images(puppet: Puppet) -> tuple[PartImage, ...]:
         pivot = corner + np.array([(columns * mass).sum(), (rows * mass).sum()]) / mass.sum()
         images.append(PartImage(patch, corner, pivot))
     return tuple(images)
-
-
-def lab(rgb: Float[np.ndarray, "H W 3"]) -> Float[np.ndarray, "H W 3"]:
-    """Turn RGB 0..1 (float32) into CIE Lab (L 0..100)."""
-    converted: Float[np.ndarray, "H W 3"] = cv2.cvtColor(np.ascontiguousarray(rgb, np.float32), cv2.COLOR_RGB2Lab)
-    return converted
 
 
 def mean_colours(images: tuple[PartImage, ...]) -> Float[np.ndarray, "L 3"]:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from wildpuppet.puppet.colour import lab
 from wildpuppet.puppet.complete import complete_colour, grow
 from wildpuppet.types import CutOut, Part
 
@@ -91,7 +92,8 @@ def _trimmed(part: Part, behind: list[Part], least_alpha: int) -> Part:
     if not is_same.any():
         return part
     radius = float(cv2.distanceTransform(np.pad(is_own, 1).astype(np.uint8), cv2.DIST_L2, 5).max())
-    is_fringe = _fringe(_lab(rgba[..., :3]), _lab(colour), is_same, is_behind & ~is_own, int(FRINGE_SHARE * radius))
+    own, other = (lab(image.astype(np.float32) / 255) for image in (rgba[..., :3], colour))
+    is_fringe = _fringe(own, other, is_same, is_behind & ~is_own, int(FRINGE_SHARE * radius))
     trimmed = part.rgba.copy()
     trimmed[window][is_fringe, 3] = 0
     return replace(part, rgba=trimmed)
@@ -128,11 +130,6 @@ def _sides(image: np.ndarray) -> Iterator[np.ndarray]:
     height, width = image.shape[:2]
     for row, column in ((0, 1), (2, 1), (1, 0), (1, 2)):
         yield padded[row : row + height, column : column + width]
-
-
-def _lab(rgb: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
-    converted: Float[np.ndarray, "h w 3"] = cv2.cvtColor(rgb.astype(np.float32) / 255, cv2.COLOR_RGB2Lab)
-    return converted
 
 
 def _filled(part: Part, front: list[Part], least_alpha: int) -> Part:

@@ -12,6 +12,8 @@ from jaxtyping import Bool, Float, UInt8
 from scipy import ndimage
 from skimage.graph import MCP_Geometric
 
+from wildpuppet.puppet.colour import lab
+
 WORKING_PIXELS = 320
 """The box's larger side is reduced to this: GrabCut's time grows with the area, its answer hardly changes."""
 CONTEXT = 0.35
@@ -109,9 +111,8 @@ def _fence(rgb: UInt8[np.ndarray, "h w 3"], inside: Mask) -> Float[np.ndarray, "
     if inside.all():
         inside = inside.copy()
         inside[[0, -1]] = inside[:, [0, -1]] = False
-    lab = cv2.cvtColor(rgb.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
-    lab = cv2.bilateralFilter(lab, 5, 10.0, 3.0)
-    across, down = (cv2.Sobel(lab, cv2.CV_32F, dx, dy, ksize=3, scale=0.25) for dx, dy in ((1, 0), (0, 1)))
+    smooth = cv2.bilateralFilter(lab(rgb.astype(np.float32) / 255), 5, 10.0, 3.0)
+    across, down = (cv2.Sobel(smooth, cv2.CV_32F, dx, dy, ksize=3, scale=0.25) for dx, dy in ((1, 0), (0, 1)))
     change = np.sqrt((across**2 + down**2).sum(axis=2))
     rim = ndimage.binary_dilation(inside) & ~inside
     costs = np.where(inside | rim, 0.1 + np.maximum(change - TEXTURE, 0.0), -1.0)  # negative: closed
