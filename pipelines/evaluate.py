@@ -127,13 +127,15 @@ def evaluate(case: Case, arguments: Arguments, reporter: Reporter) -> "list[Row]
 
 def carried(case: Case, truth: "Truth", arguments: Arguments, reporter: Reporter) -> "Carried":
     """Run one case and carry the reference frame's points through it."""
+    from wildpuppet.correspond.compare import Carried
+
     run = run_case(case, truth, arguments, reporter)
     points = truth.points[truth.reference].astype(float)
     tracks = run.carry(points, truth.reference, [run.puppet.names[part] for part in truth.part])
     if tracks.points_video.shape != truth.points.shape:
         found = f"{len(tracks.frames)} frames in {case.folder}, {len(truth.points)} in {case.truth.name}"
         raise InputError(f"{case.truth}: expected ground truth for every frame, found {found}")
-    return tracks.points_video, tracks.visible
+    return Carried(tracks.points_video, tracks.visible, tracks.confidence)
 
 
 def out_of(case: Case, arguments: Arguments) -> Path:
@@ -161,6 +163,7 @@ def run_case(case: Case, truth: "Truth", arguments: Arguments, reporter: Reporte
 def baselines(case: Case, truth: "Truth", arguments: Arguments) -> "dict[str, Carried]":
     """Carry the points without a puppet: leave them, and follow dense optical flow."""
     from wildpuppet.correspond.baselines import copy, flow_of_clip, flow_of_drawings
+    from wildpuppet.correspond.compare import Carried
     from wildpuppet.machine import Machine
     from wildpuppet.video.decode import over_white
     from wildpuppet.video.drawings import read_drawings
@@ -176,7 +179,7 @@ def baselines(case: Case, truth: "Truth", arguments: Arguments) -> "dict[str, Ca
         clip = probe(case.folder / "wild.mp4", arguments.settings.probe, Machine())
         with FrameReader(clip) as reader:
             flow = flow_of_clip((picture for _, picture in reader.frames()), truth.reference, points)
-    return {"copy": (copy(points, len(truth.points)), None), "DIS flow": (flow, None)}
+    return {"copy": Carried(copy(points, len(truth.points))), "DIS flow": Carried(flow)}
 
 
 def write_results(arguments: Arguments, rows: "list[Row]", seconds: dict[str, float]) -> None:
@@ -211,7 +214,7 @@ def print_table(rows: "list[Row]") -> None:
     is_terminal = sys.stdout.isatty()
     table = Table(box=box.SIMPLE_HEAD if is_terminal else None)
     heads = ("set", "frames", "method", "PCK .1", ".05", ".025", ".0125", "hidden .1", ".05", "visible", "swaps", "px")
-    for index, head in enumerate(heads):
+    for index, head in enumerate((*heads, "AUROC")):
         table.add_column(head, justify="left" if index < 3 else "right", no_wrap=True)
     for row in rows:
         table.add_row(*_cells(row), style="bold" if row.num_sets and row.method == "ours" else None)
@@ -223,4 +226,5 @@ def _cells(row: "Row") -> list[str]:
     hidden: list[float | None] = [*found.hidden.values()] if found.hidden else [None, None]
     shares = [*found.pck.values(), *hidden, found.visible_accuracy, found.swaps, found.median_pixels]
     name = row.name if row.group != "clips" or row.num_sets else f"{row.name} clip"
-    return [name, row.frames, row.method, *("" if share is None else f"{share:.1f}" for share in shares)]
+    cells = [name, row.frames, row.method, *("" if share is None else f"{share:.1f}" for share in shares)]
+    return [*cells, "" if found.auroc is None else f"{found.auroc:.2f}"]

@@ -2,17 +2,18 @@ import numpy as np
 import pytest
 
 from tests.correspond.test_pck import truth
-from wildpuppet.correspond.compare import compare, means
+from wildpuppet.correspond.compare import Carried, compare, means
 
 
 def test_rows_and_means_by_group():
     hand, rig = truth(("Left-Hand", "Right-Hand"), test=np.array([3])), truth(num_points=4)
     wrong = hand.points.copy()
     wrong[3] += 1000.0
-    rows = compare("fox", "drawings", hand, {"copy": (hand.points, None), "ours": (wrong, hand.visible)})
-    rows += compare("robot", "drawings", rig, {"copy": (rig.points, None)})
-    rows += compare("dino", "drawings", hand, {"copy": (wrong, None)})
-    rows += compare("robot", "clip", rig, {"ours": (rig.points, None)})
+    trust = np.where(np.arange(4) == 3, 0.2, 0.9)[:, None] * np.ones((1, 2))
+    rows = compare("fox", "drawings", hand, {"copy": Carried(hand.points), "ours": Carried(wrong, hand.visible, trust)})
+    rows += compare("robot", "drawings", rig, {"copy": Carried(rig.points)})
+    rows += compare("dino", "drawings", hand, {"copy": Carried(wrong)})
+    rows += compare("robot", "clip", rig, {"ours": Carried(rig.points)})
     assert [(row.name, row.group, row.frames, row.method) for row in rows[:4]] == [
         ("fox", "hand", "all", "copy"),
         ("fox", "hand", "test", "copy"),
@@ -27,3 +28,5 @@ def test_rows_and_means_by_group():
     assert averaged["hand", "all", "copy"].num_sets == 2
     assert averaged["rigs", "all", "copy"].score.swaps is None
     assert averaged["clips", "all", "ours"].name == "mean of 1 clips"
+    assert [row.score.auroc for row in rows[:4]] == [None, None, 1.0, None]
+    assert averaged["hand", "all", "ours"].score.auroc == 1.0

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from wildpuppet.correspond.pck import Truth, mirror_twins, read_truth, score
+from wildpuppet.correspond.pck import Truth, auroc, mirror_twins, read_truth, score
 from wildpuppet.errors import InputError
 
 
@@ -65,3 +65,26 @@ def test_swaps_are_points_on_their_mirror_twin():
     carried[0, :2] = carried[0, 1::-1]
     assert score(gt, carried).swaps == pytest.approx(33.33)
     assert score(truth(("a", "b")), truth().points).swaps is None
+
+
+def test_auroc_counts_pairs_and_ties_by_half():
+    wrong = np.array([True, True, False, False, False])
+    assert auroc(wrong, np.array([0.1, 0.2, 0.3, 0.4, 0.9])) == 1.0
+    assert auroc(wrong, np.array([0.9, 0.8, 0.3, 0.4, 0.1])) == 0.0
+    assert auroc(wrong, np.full(5, 0.7)) == 0.5
+    assert auroc(wrong, np.array([0.3, 0.5, 0.3, 0.4, 0.9])) == pytest.approx((0.5 + 1 + 1 + 0 + 0 + 1) / 6, abs=1e-4)
+    assert auroc(np.ones(3, bool), np.arange(3.0)) is None
+    assert auroc(np.zeros(3, bool), np.arange(3.0)) is None
+
+
+def test_confidence_is_judged_on_visible_points_at_a_twentieth():
+    gt = truth(num_points=3)
+    carried = gt.points.copy()
+    carried[0, 0, 0] += 4.99  # still right
+    carried[2, 1, 1] += 5.0  # wrong
+    carried[3, 2] += 50.0  # wrong, but hidden
+    gt.visible[3, 2] = False
+    confidence = np.full((4, 3), 0.5)
+    confidence[2, 1], confidence[0, 0], confidence[3, 2], confidence[1] = 0.4, 0.3, 0.9, 0.0
+    assert score(gt, carried, confidence=confidence).auroc == pytest.approx(6 / 7, abs=1e-4)
+    assert score(gt, carried).auroc is None

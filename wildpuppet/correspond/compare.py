@@ -6,7 +6,7 @@ were drawn and marked by hand; the others are rendered rigs with exact truth.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -15,8 +15,14 @@ from wildpuppet.correspond.pck import Score, Truth, score
 
 Kind = Literal["drawings", "clip"]
 Frames = Literal["all", "test"]
-Carried = tuple[Float[np.ndarray, "T N 2"], Bool[np.ndarray, "T N"] | None]
-"""Points in every frame, and whether they are visible if the method says so."""
+
+
+class Carried(NamedTuple):
+    """Points in every frame; whether they are visible and how far they are to be trusted, if the method says so."""
+
+    points: Float[np.ndarray, "T N 2"]
+    visible: Bool[np.ndarray, "T N"] | None = None
+    confidence: Float[np.ndarray, "T N"] | None = None
 
 
 @dataclass(frozen=True)
@@ -35,10 +41,10 @@ def compare(name: str, kind: Kind, truth: Truth, carried: Mapping[str, Carried])
     """Score every method on one set: on all frames, and on the frames kept for testing where there are such."""
     group = "clips" if kind == "clip" else "hand" if truth.names else "rigs"
     rows = []
-    for method, (points, visible) in carried.items():
-        rows.append(Row(name, group, "all", method, score(truth, points, visible)))
+    for method, (points, visible, confidence) in carried.items():
+        rows.append(Row(name, group, "all", method, score(truth, points, visible, None, confidence)))
         if truth.test is not None:
-            rows.append(Row(name, group, "test", method, score(truth, points, visible, truth.test)))
+            rows.append(Row(name, group, "test", method, score(truth, points, visible, truth.test, confidence)))
     return rows
 
 
@@ -59,8 +65,9 @@ def _mean(scores: Sequence[Score]) -> Score:
         median_pixels=round(float(np.mean([score.median_pixels for score in scores])), 2),
         num_points=sum(score.num_points for score in scores),
         hidden=_mean_by_alpha([score.hidden for score in scores]),
-        visible_accuracy=_mean_known(score.visible_accuracy for score in scores),
-        swaps=_mean_known(score.swaps for score in scores),
+        visible_accuracy=_mean_known((score.visible_accuracy for score in scores)),
+        swaps=_mean_known((score.swaps for score in scores)),
+        auroc=_mean_known((score.auroc for score in scores), 4),
     )
 
 
@@ -71,6 +78,6 @@ def _mean_by_alpha(shares: Sequence[dict[float, float] | None]) -> dict[float, f
     return {alpha: round(float(np.mean([share[alpha] for share in known])), 2) for alpha in known[0]}
 
 
-def _mean_known(values: Iterable[float | None]) -> float | None:
+def _mean_known(values: Iterable[float | None], digits: int = 2) -> float | None:
     known = [value for value in values if value is not None]
-    return round(float(np.mean(known)), 2) if known else None
+    return round(float(np.mean(known)), digits) if known else None

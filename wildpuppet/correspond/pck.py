@@ -5,6 +5,8 @@ drawings and the larger side of the character's own box for clips, which is stri
 visible both in the reference frame and in the frame at hand; the reference frame itself does not count. Hidden points
 (visible in the reference, covered in the frame, their place known) are scored apart, and so are left/right swaps:
 keypoints farther than .1 L from their own place and nearer than .05 L to their mirror twin's.
+
+Confidence is judged by how well it tells the wrong points (at .05) from the right ones, ``auroc``.
 """
 
 from dataclasses import dataclass
@@ -13,10 +15,13 @@ from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.stats import rankdata
 
 from wildpuppet.errors import InputError
 
 ALPHAS = (0.1, 0.05, 0.025, 0.0125)
+WRONG = 0.05
+"""Alpha at which confidence is judged."""
 SWAPPED_AWAY, SWAPPED_ONTO = 0.1, 0.05
 
 LEAST_HIDDEN = 21
@@ -42,7 +47,10 @@ class Truth:
 
 @dataclass(frozen=True)
 class Score:
-    """Percentages; ``pck`` and ``hidden`` map alpha to the share of right points. None: nothing to count."""
+    """Percentages; ``pck`` and ``hidden`` map alpha to the share of right points. None: nothing to count.
+
+    ``auroc`` (0..1) is how well confidence finds the points that are wrong at .05.
+    """
 
     pck: dict[float, float]
     median_pixels: float
@@ -50,6 +58,7 @@ class Score:
     hidden: dict[float, float] | None = None
     visible_accuracy: float | None = None
     swaps: float | None = None
+    auroc: float | None = None
 
 
 def read_truth(path: Path) -> Truth:
@@ -75,6 +84,7 @@ def score(
     points: Float[np.ndarray, "T N 2"],
     visible: Bool[np.ndarray, "T N"] | None = None,
     frames: Int[np.ndarray, "n"] | None = None,
+    confidence: Float[np.ndarray, "T N"] | None = None,
 ) -> Score:
     """Score carried points against the truth, in the given frames or in all. Points that are not finite are wrong."""
     if points.shape != truth.points.shape:
@@ -94,7 +104,21 @@ def score(
         hidden={alpha: _percent((error < alpha * length)[hidden]) for alpha in ALPHAS[:2]} if many_hidden else None,
         visible_accuracy=_percent((visible == truth.visible)[both]) if many_hidden and visible is not None else None,
         swaps=_swaps(truth, points, counted),
+        auroc=None if confidence is None else auroc((error >= WRONG * length)[counted], confidence[counted]),
     )
+
+
+def auroc(wrong: Bool[np.ndarray, "n"], confidence: Float[np.ndarray, "n"]) -> float | None:
+    """Compute how often a wrong point is trusted less than a right one, ties by half: 1 is perfect, .5 is chance.
+
+    This is the area under the ROC curve of low confidence as a sign of error. None where all are right or all wrong.
+    """
+    num_wrong, num_right = int(wrong.sum()), int((~wrong).sum())
+    if not num_wrong or not num_right:
+        return None
+    ranks = rankdata(-confidence.astype(np.float64))  # ties share their mean rank
+    above = float(ranks[wrong].sum()) - num_wrong * (num_wrong + 1) / 2
+    return round(above / (num_wrong * num_right), 4)
 
 
 def _error(truth: Truth, points: Float[np.ndarray, "T N 2"]) -> Float[np.ndarray, "T N"]:
