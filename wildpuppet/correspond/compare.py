@@ -65,8 +65,8 @@ def _mean(scores: Sequence[Score]) -> Score:
         median_pixels=round(float(np.mean([score.median_pixels for score in scores])), 2),
         num_points=sum(score.num_points for score in scores),
         hidden=_mean_by_alpha([score.hidden for score in scores]),
-        visible_accuracy=_mean_known((score.visible_accuracy for score in scores)),
-        swaps=_mean_known((score.swaps for score in scores)),
+        visible_accuracy=_mean_known(score.visible_accuracy for score in scores),
+        swaps=_mean_known(score.swaps for score in scores),
         auroc=_mean_known((score.auroc for score in scores), 4),
     )
 
