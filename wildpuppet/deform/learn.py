@@ -21,7 +21,7 @@ from jaxtyping import Float, Int, UInt8
 from torch import Tensor
 
 from wildpuppet.deform.checkpoint import Progress, load_checkpoint, save_checkpoint
-from wildpuppet.deform.network import DeformationNetwork
+from wildpuppet.deform.network import DeformationNetwork, empty_network
 from wildpuppet.deform.objective import TERMS, Objective, closest_similar, objective_of, scales_of, weighted
 from wildpuppet.deform.pictures import Pictures, first_frames, read_pictures, read_small
 from wildpuppet.errors import InputError
@@ -111,9 +111,7 @@ def predict(crops: Crops, trained: Trained, train: TrainSettings, machine: Machi
 
 def new_network(base: Float[Tensor, "V 2"], size: tuple[int, int], train: TrainSettings) -> DeformationNetwork:
     """Build a network at its start; ``base`` in crop pixels."""
-    generator = torch.Generator().manual_seed(train.seed)
-    placed = to_unit(base.cpu(), size)
-    return DeformationNetwork(placed, train.code, train.code_relu, train.encoder_pixels, generator)
+    return empty_network(to_unit(base.cpu(), size), train)
 
 
 def network_of(trained: Trained, size: tuple[int, int], train: TrainSettings) -> DeformationNetwork:

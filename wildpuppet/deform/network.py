@@ -14,6 +14,8 @@ from jaxtyping import Float, UInt8
 from torch import Tensor, nn
 from torch.nn import functional
 
+from wildpuppet.settings import TrainSettings
+
 CHANNELS = (64, 128, 256)
 ENCODER = (1024, 1024)
 DECODER = (1024, 2048)
@@ -75,6 +77,12 @@ class DeformationNetwork(nn.Module):
                     values.zero_()
                 else:
                     values.normal_(0.0, values[0].numel() ** -0.5, generator=generator)
+
+
+def empty_network(base: Float[Tensor, "V 2"], train: TrainSettings) -> DeformationNetwork:
+    """Build a network at its start around ``base``, unit coordinates."""
+    generator = torch.Generator().manual_seed(train.seed)
+    return DeformationNetwork(base, train.code, train.code_relu, train.encoder_pixels, generator)
 
 
 def shrink(pictures: UInt8[Tensor, "B H W 3"], pixels: int) -> Float[Tensor, "B 3 P P"]:
