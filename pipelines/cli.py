@@ -21,6 +21,7 @@ COMMANDS = {
     "points": ("points", "carry points from one frame to every frame of a run"),
     "flow": ("flow", "write the dense map between two frames of a run"),
     "export": ("export", "write a run in the formats of other programs"),
+    "paint": ("paint", "draw every frame with a texture that was painted on once"),
     "formats": ("formats", "list those formats: what opens them, how exact they are"),
     "status": ("status", "say for each stage whether it is kept or would run, and why"),
     "prune": ("prune", "clear results that no run refers to"),

@@ -16,6 +16,10 @@ from wildpuppet.errors import InputError
 from wildpuppet.export.export import export
 from wildpuppet.export.formats import formats_of
 from wildpuppet.export.options import Options
+from wildpuppet.machine import Progress, silent
+from wildpuppet.paint.of_run import paint_run
+from wildpuppet.paint.paint import Over
+from wildpuppet.paint.template import write_template
 from wildpuppet.runs import RunFolder
 from wildpuppet.types import PointTracks
 
@@ -44,6 +48,29 @@ class Run(RunFolder):
         Raises SettingsError for an unknown format, InputError for a missing extra or an ``out`` with other files.
         """
         return [export(self.animation, each, Path(out), options) for each in formats_of(formats)]
+
+    def paint_template(self, place: str | Path) -> Path:
+        """Write what to paint on: PLACE.psd, PLACE.ora, or a folder with a picture per part; give the place.
+
+        Raises InputError where something is there already.
+        """
+        write_template(self.puppet, Path(place))
+        return Path(place)
+
+    def paint(
+        self,
+        texture: str | Path,
+        out: str | Path,
+        over: Over = "original",
+        source: str | Path | None = None,
+        progress: Progress = silent,
+    ) -> Path:
+        """Draw every frame anew with an edited texture, over the "original" frames, the "plate" or "none"; give OUT.
+
+        ``texture`` is a folder of part pictures, a PSD, ORA or PNG; ``source`` where the clip lies now, when it was
+        moved. Raises InputError for pictures that do not fit the puppet and for an ``out`` with other files.
+        """
+        return paint_run(self, Path(texture), Path(out), over, None if source is None else Path(source), progress)
 
 
 def open_run(path: str | Path) -> Run:
