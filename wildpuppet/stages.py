@@ -98,10 +98,10 @@ def _puppet(cutout: CutOut, settings: PuppetSettings, machine: Machine) -> Puppe
     return build(cutout, settings)
 
 
-def _place(puppet: Puppet, crops: Crops, machine: Machine) -> Float[np.ndarray, "2 3"]:
-    from wildpuppet.pose.place import place
+def _place(puppet: Puppet, crops: Crops, settings: SearchSettings, machine: Machine) -> Float[np.ndarray, "2 3"]:
+    from wildpuppet.pose.sizing import placed_at_size
 
-    return place(puppet, crops)
+    return placed_at_size(puppet, crops, settings, machine)
 
 
 def _hinges(
@@ -281,7 +281,7 @@ CROP = Stage("crop", 2, ("crop",), _crop, disk.save_crops, disk.load_crops)
 DRAWINGS = Stage("drawings", 1, ("crop",), _drawings, disk.save_crops, disk.load_crops)
 AUTOMATIC = Stage("automatic", 1, ("auto",), _automatic, disk.save_cutout, disk.load_cutout)
 PUPPET = Stage("puppet", 2, ("puppet",), _puppet, disk.save_puppet, disk.load_puppet)
-PLACE = Stage("place", 1, (), _place, disk.save_placement, disk.load_placement)
+PLACE = Stage("place", 2, ("search",), _place, disk.save_placement, disk.load_placement)
 HINGES = Stage("hinges", 1, ("search",), _hinges, disk.save_puppet, disk.load_puppet)
 SEARCH_PART = Stage("search.part", 2, ("search",), _search_part, disk.save_hypotheses, disk.load_hypotheses)
 SEARCH = Stage("search", 1, (), _search, disk.save_hypotheses, disk.load_hypotheses)

@@ -35,15 +35,21 @@ def place(puppet: Puppet, crops: Crops) -> Float[np.ndarray, "2 3"]:
     and moved so that its rest box has the area and the centre of the character's box.
     """
     index = crops.reference or 0
-    crop_from_video = affine.invert(crops.video_from_crop[index])
-    box = rest_box(puppet)
-    target = np.asarray(crops.box_crop[index], np.float64)
-    corners = affine.apply(crop_from_video, np.stack([box[:2], box[:2] + box[2:]]))
-    if not crops.ordered or _overlap(np.concatenate([corners[0], corners[1] - corners[0]]), target) > SAME_BOX:
-        return crop_from_video
+    if is_drawn_here(puppet, crops):
+        return affine.invert(crops.video_from_crop[index])
+    box, target = rest_box(puppet), np.asarray(crops.box_crop[index], np.float64)
     scale = float(np.sqrt(target[2] * target[3] / (box[2] * box[3])))
     shift = target[:2] + target[2:] / 2 - scale * (box[:2] + box[2:] / 2)
     return affine.scale_and_shift(scale, (float(shift[0]), float(shift[1])))
+
+
+def is_drawn_here(puppet: Puppet, crops: Crops) -> bool:
+    """Say whether the puppet was drawn on the reference picture itself: same canvas, boxes that agree."""
+    index = crops.reference or 0
+    box = rest_box(puppet)
+    corners = affine.apply(affine.invert(crops.video_from_crop[index]), np.stack([box[:2], box[:2] + box[2:]]))
+    placed = np.concatenate([corners[0], corners[1] - corners[0]])
+    return not crops.ordered or _overlap(placed, np.asarray(crops.box_crop[index], np.float64)) > SAME_BOX
 
 
 def size_of(crop_from_canvas: Float[np.ndarray, "2 3"]) -> float:
