@@ -28,6 +28,7 @@ COMMANDS = {
     "puppet import": ("puppet_import", "turn another tool's file (PSD, ORA, PNGs, SVG, ...) into a puppet folder"),
     "puppet from-outlines": ("puppet_from_outlines", "cut a puppet out of one frame along outlines"),
     "puppet check": ("puppet_check", "say in words what is wrong with a puppet folder, and draw overlay.png"),
+    "reproduce": ("reproduce", "print the paper's tables on a benchmark and draw its figures"),
     "evaluate": ("evaluate", "carry a benchmark's points and print the accuracy table"),
     "ablate": ("ablate", "evaluate with one thing switched off at a time: what each is worth"),
     "bench": ("benchmark", "time the renderer and a run"),

@@ -150,7 +150,8 @@ def run_case(case: Case, truth: "Truth", arguments: Arguments, reporter: Reporte
     out, settings = out_of(case, arguments), arguments.checked_settings()
     puppet = case.folder / "puppet"
     if case.kind == "drawings":
-        request = Request(case.folder / "frames", out, settings, puppet)
+        test = () if truth.test is None else tuple(int(frame) for frame in truth.test)
+        request = Request(case.folder / "frames", out, settings, puppet, test_frames=test)
         run_pipeline(fit_drawings, request, arguments, reporter)
     else:
         assert truth.boxes is not None, "a clip's truth has boxes"

@@ -24,7 +24,7 @@ def fit_drawings(keeper: Keeper, request: Request) -> Outcome:
     folder = drawings.derived("folder", lambda found: found.folder)
     crops = keeper.keep(stages.DRAWINGS, folder=folder)
     names = drawings.value.names
-    test = held_out(len(names), request.test_share, request.settings.train.seed)
+    test = list(request.test_frames) or held_out(len(names), request.test_share, request.settings.train.seed)
     puppet = with_learnt_hinges(keeper, puppet, crops)
     fit = fit_frames(keeper, puppet, crops, Frames(len(names), None, test))
     no_clip = given(None, "none")

@@ -29,6 +29,8 @@ class Request:
     test_share: float = 0.0
     keyframes: tuple[tuple[int, Path], ...] = ()
     """Frames and the files that say what is fixed in them."""
+    test_frames: tuple[int, ...] = ()
+    """The drawings that no training sees, in order; given, they stand for ``test_share``."""
 
     def plain(self) -> dict[str, Any]:
         """Write it as plain values for run.json; ``out`` is left out, because a run can be moved."""
@@ -40,6 +42,8 @@ class Request:
         tree |= {name: getattr(self, name) for name in ("box_video", "at", "start", "end", "test_share")}
         if self.keyframes:
             tree["keyframes"] = [[frame, str(path.absolute())] for frame, path in self.keyframes]
+        if self.test_frames:
+            tree["test_frames"] = list(self.test_frames)
         return tree
 
     @property
@@ -55,6 +59,7 @@ def request_from(tree: Mapping[str, Any], out: Path) -> Request:
     values["puppet"] = None if values["puppet"] is None else Path(values["puppet"])
     values["box_video"] = None if values["box_video"] is None else tuple(values["box_video"])
     values["keyframes"] = tuple((frame, Path(path)) for frame, path in values.get("keyframes", ()))
+    values["test_frames"] = tuple(values.get("test_frames", ()))
     return Request(out=out, **values)
 
 

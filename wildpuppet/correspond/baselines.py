@@ -63,13 +63,13 @@ def _mover() -> Mover:
 
     def move(source: Grey, target: Grey, points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 2"]:
         flow = search.calc(source, target, None)  # type: ignore[call-overload]
-        return np.asarray(points + _sample(flow, points))
+        return np.asarray(points + sampled(flow, points))
 
     return move
 
 
-def _sample(flow: Float[np.ndarray, "H W 2"], points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 2"]:
-    """Bilinear flow at corner-origin positions; beyond the image the border's."""
+def sampled(flow: Float[np.ndarray, "H W 2"], points: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, "N 2"]:
+    """Read a map bilinearly at corner-origin positions; beyond the image the border's values."""
     height, width = flow.shape[:2]
     centred = np.clip(points - 0.5, 0.0, [width - 1.0, height - 1.0])
     low = np.minimum(centred.astype(np.int64), [max(width - 2, 0), max(height - 2, 0)])

@@ -1,0 +1,237 @@
+"""The methods of the paper's tables on one benchmark set: what each needs, trains and answers.
+
+Every method answers for the set's test drawings: a picture of each (Table 1) and its points in each of the others
+(Table 2). An answer is kept in OUT/sets/SET/METHOD, with the seed behind it where chance plays a part, and not made
+again as long as the set's files, the settings and the versions of the stages stay the same.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from wildpuppet.errors import WildPuppetError
+from wildpuppet.machine import Machine
+from wildpuppet.settings import Settings
+from wildpuppet.stages import STAGES
+from wildpuppet.store import digest_of
+
+from . import evaluate
+from .evaluate import Case
+from .presets import merged, read_preset
+from .reporter import Reporter
+
+if TYPE_CHECKING:
+    from wildpuppet.api import Run
+    from wildpuppet.correspond.pck import Truth
+    from wildpuppet.tables.answer import Answer
+
+Picture = UInt8[np.ndarray, "H W 3"]
+
+VERSION = 1
+"""Raised when an answer is made differently from the same files and settings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """How long things are trained; none of it is a setting of a stage."""
+
+    autoencoder_steps: int = 1000
+    paper: Mapping[str, Mapping[str, int]] | None = None
+    """Changes of the paper preset."""
+
+
+FULL = Effort()
+QUICK = Effort(autoencoder_steps=100, paper={"train": {"iterations": 40, "batch": 4}})
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetWork:
+    """One benchmark set with what its methods share. ``content`` is the digest of its files."""
+
+    case: Case
+    content: str
+    out: Path
+    options: evaluate.Arguments
+    effort: Effort
+    reporter: Reporter
+
+    @cached_property
+    def truth(self) -> "Truth":
+        """The ground truth."""
+        from wildpuppet.correspond.pck import read_truth
+
+        return read_truth(self.case.truth)
+
+    @cached_property
+    def drawings(self) -> list[Picture]:
+        """All drawings over white."""
+        from wildpuppet.export.source import source_of
+
+        source = source_of(self.case.folder / "frames")
+        return [source.picture(index) for index in range(len(self.truth.points))]
+
+    @property
+    def test(self) -> Int[np.ndarray, "A"]:
+        """Numbers of the drawings kept for testing."""
+        assert self.truth.test is not None, "sets without test drawings are refused before"
+        return self.truth.test
+
+    @property
+    def tested(self) -> list[Picture]:
+        """The drawings kept for testing."""
+        return [self.drawings[index] for index in self.test]
+
+    @cached_property
+    def trained(self) -> list[Picture]:
+        """The other drawings."""
+        kept = set(self.test.tolist())
+        return [picture for index, picture in enumerate(self.drawings) if index not in kept]
+
+    @property
+    def points(self) -> Float[np.ndarray, "A N 2"]:
+        """True points of the test drawings."""
+        return np.asarray(self.truth.points[self.test], np.float64)
+
+    def ran(self, name: str, settings: Settings) -> "Run":
+        """Run the pipeline with these settings, or open what is kept."""
+        options = replace(self.options, settings=settings, work=self.out / "runs" / name)
+        return evaluate.run_case(self.case, self.truth, options, self.reporter)
+
+
+@dataclass(frozen=True)
+class Method:
+    """A row of the tables. ``settings`` gives what the answer depends on beside the set's files and the seed."""
+
+    name: str
+    answer: "Callable[[SetWork, int], Answer]"
+    depends: Callable[[SetWork], object]
+    is_random: bool = False
+
+
+def ours_settings(work: SetWork) -> Settings:
+    """Give the settings of our own run: those of the command line."""
+    return work.options.settings
+
+
+def paper_settings(work: SetWork, seed: int = 0) -> Settings:
+    """Give the paper preset's settings with a seed."""
+    settings = merged(read_preset("paper"), work.effort.paper or {})
+    return merged(settings, {"train": {"seed": seed}, "fit": {"seed": seed}, "out": {"preview": False}})
+
+
+def _reference(work: SetWork, seed: int) -> "Answer":
+    from wildpuppet.tables.answer import Answer
+    from wildpuppet.tables.pairs import copied
+
+    return Answer(tuple(work.drawings[work.truth.reference] for _ in work.test), copied(work.points))
+
+
+def _flow(work: SetWork, seed: int) -> "Answer":
+    from wildpuppet.tables.answer import Answer
+    from wildpuppet.tables.flow import carried_by_flow, warped_by_flow
+
+    known = work.drawings[work.truth.reference]
+    pictures = tuple(warped_by_flow(known, wanted) for wanted in work.tested)
+    return Answer(pictures, carried_by_flow(work.tested, work.points))
+
+
+def _flow_of_nearest(work: SetWork, seed: int) -> "Answer":
+    from wildpuppet.tables.answer import Answer
+    from wildpuppet.tables.flow import nearest, warped_by_flow
+
+    known = [work.trained[nearest(work.trained, wanted)] for wanted in work.tested]
+    return Answer(tuple(warped_by_flow(source, wanted) for source, wanted in zip(known, work.tested, strict=True)))
+
+
+def _autoencoder(work: SetWork, seed: int) -> "Answer":
+    from wildpuppet.tables.answer import Answer
+    from wildpuppet.tables.deforming import (
+        carried_by_warps,
+        load_deforming,
+        read_deforming,
+        save_deforming,
+        train_deforming,
+    )
+
+    path = work.out / "autoencoders" / f"{work.case.name}-{seed}.safetensors"
+    identity = digest_of([VERSION, work.content, seed, work.effort.autoencoder_steps])
+    network = load_deforming(path, identity)
+    if network is None:
+        machine = Machine(progress=lambda done, total: work.reporter.update(done / total))
+        work.reporter.begin("auto-encoder")
+        network = train_deforming(work.trained, seed, machine, work.effort.autoencoder_steps)
+        save_deforming(path, network, identity)
+        work.reporter.end("auto-encoder", False)
+    readings = [read_deforming(network, drawing) for drawing in work.tested]
+    return Answer(tuple(reading.picture for reading in readings), carried_by_warps(readings, work.points))
+
+
+def _paper(work: SetWork, seed: int) -> "Answer":
+    return _of_run(work, work.ran(f"paper-{seed}", paper_settings(work, seed)), None)
+
+
+def _ours(work: SetWork, seed: int) -> "Answer":
+    return _of_run(work, work.ran("ours", ours_settings(work)), None)
+
+
+def _ours_named(work: SetWork, seed: int) -> "Answer":
+    answer = _of_run(work, work.ran("ours", ours_settings(work)), work.truth.part.astype(np.int64))
+    return replace(answer, pictures=None)
+
+
+def _of_run(work: SetWork, run: "Run", layers: "np.ndarray | None") -> "Answer":
+    from wildpuppet.export.draw import Painter
+    from wildpuppet.export.source import over_white
+    from wildpuppet.tables.answer import Answer
+    from wildpuppet.tables.pairs import carried_by_puppet
+
+    painter, animation = Painter(run.animation), run.animation
+    pictures = tuple(over_white(painter.picture(animation[int(index)])) for index in work.test)
+    return Answer(pictures, carried_by_puppet(run.puppet, run.crops, run.fit, work.test, work.points, layers))
+
+
+def _of_stages(settings: Callable[[SetWork], Settings]) -> Callable[[SetWork], object]:
+    def depends(work: SetWork) -> object:
+        versions = {stage.name: stage.version for stage in STAGES}
+        return [msgspec.to_builtins(settings(work)), versions]
+
+    return depends
+
+
+def _on_nothing(work: SetWork) -> object:
+    return None
+
+
+METHODS = (
+    Method("copy", _reference, _on_nothing),
+    Method("flow warp", _flow, _on_nothing),
+    Method("flow warp of nearest", _flow_of_nearest, _on_nothing),
+    Method("auto-encoder", _autoencoder, lambda work: work.effort.autoencoder_steps, is_random=True),
+    Method("paper", _paper, _of_stages(paper_settings), is_random=True),
+    Method("ours", _ours, _of_stages(ours_settings)),
+    Method("ours, parts named", _ours_named, _of_stages(ours_settings)),
+)
+
+
+def answered(work: SetWork, method: Method, seed: int) -> "Answer | str":
+    """Give a method's answer, kept or new; where it fails for a reason in words, give the reason."""
+    from wildpuppet.tables.answer import load_answer, save_answer
+
+    label = method.name.replace(", ", "-").replace(" ", "-")
+    folder = work.out / "sets" / work.case.name / (f"{label}-{seed}" if method.is_random else label)
+    identity = digest_of([VERSION, work.content, method.name, seed, method.depends(work)])
+    kept = load_answer(folder, identity)
+    if kept is not None:
+        return kept
+    try:
+        answer = method.answer(work, seed)
+    except WildPuppetError as error:
+        return str(error)
+    save_answer(folder, answer, identity)
+    return answer

@@ -1,0 +1,47 @@
+"""Figures as contact sheets: a row per drawing, a column per method, its name above it."""
+
+from collections.abc import Mapping, Sequence
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from wildpuppet.export.lettering import write_text
+
+Picture = UInt8[np.ndarray, "H W 3"]
+
+TILE = 224
+GAP = 4
+WORDS = 22
+PAPER = 255
+LETTERS = (40, 40, 40)
+
+
+def grid(columns: Mapping[str, Sequence[Picture | None]], tile: int = TILE) -> Picture:
+    """Lay pictures out; columns may differ in length, and where a picture is missing the paper stays empty."""
+    if not columns:
+        raise ValueError("expected at least one column")
+    num_rows = max(len(pictures) for pictures in columns.values())
+    sheet = np.full((WORDS + num_rows * (tile + GAP), len(columns) * (tile + GAP), 3), PAPER, np.uint8)
+    for column, (name, pictures) in enumerate(columns.items()):
+        left = column * (tile + GAP)
+        write_text(sheet[:WORDS, left : left + tile], (3, 2), name, LETTERS)
+        for row, picture in enumerate(pictures):
+            if picture is not None:
+                top = WORDS + row * (tile + GAP)
+                sheet[top : top + tile, left : left + tile] = fitted(picture, tile)
+    return sheet
+
+
+def fitted(picture: Picture, tile: int) -> Picture:
+    """Scale a picture into a white square."""
+    height, width = picture.shape[:2]
+    scale = tile / max(height, width)
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    kind = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_CUBIC
+    small = cv2.resize(picture, size, interpolation=kind)
+    square = np.full((tile, tile, 3), PAPER, np.uint8)
+    top, left = (tile - size[1]) // 2, (tile - size[0]) // 2
+    square[top : top + size[1], left : left + size[0]] = small
+    return square
+
