@@ -19,8 +19,9 @@ from safetensors.torch import load_file, save_file
 from torch import nn
 
 from wildpuppet import atomic, disk
-from wildpuppet.deform.model import Model
-from wildpuppet.deform.network import DeformationNetwork, empty_network
+from wildpuppet.deform.model import Model, Recipe
+from wildpuppet.deform.network import Network, empty_network
+from wildpuppet.deform.reader import reader_from
 from wildpuppet.errors import InputError, StoreError
 from wildpuppet.settings import TrainSettings
 from wildpuppet.store import check_format, read_json
@@ -74,8 +75,9 @@ def load_model(folder: Path, puppet: Puppet | None = None) -> Model:
         raise InputError(f"{folder}: {_other(own, puppet)}; train a model for this puppet, or use the model's own")
     train = msgspec.convert(found["settings"], TrainSettings)
     size = (int(found["size"][0]), int(found["size"][1]))
-    network = _network(folder / WEIGHTS, train)
-    return Model(own, size, network, train, found["recipe"], found["is_on_paper"])
+    network = _network(folder / WEIGHTS, train, found["recipe"])
+    held_out = tuple(found["hold_out"])
+    return Model(own, size, network, train, found["recipe"], found["is_on_paper"], held_out)
 
 
 def _other(own: Puppet, given: Puppet) -> str:
@@ -99,6 +101,7 @@ def _described(model: Model) -> dict[str, Any]:
         "size": list(model.size),
         "recipe": model.recipe,
         "is_on_paper": model.is_on_paper,
+        "hold_out": list(model.hold_out),
         "settings": msgspec.to_builtins(model.train),
         "losses": {name: _in_short(values) for name, values in sorted(model.losses.items())},
     }
@@ -109,11 +112,13 @@ def _in_short(values: np.ndarray) -> list[float]:
     return [float(f"{stretch.mean():.6g}") for stretch in stretches if len(stretch)]
 
 
-def _network(path: Path, train: TrainSettings) -> DeformationNetwork:
+def _network(path: Path, train: TrainSettings, recipe: Recipe) -> Network:
     try:
         tensors = load_file(path)
     except (SafetensorError, OSError) as error:
         raise StoreError(f"{path}: not a whole model ({error}); train it again") from None
+    if recipe == "ours":
+        return reader_from(tensors, train.encoder_pixels).eval()
     network = empty_network(tensors["base"], train)
     network.load_state_dict(tensors)
     return network.eval()

@@ -9,6 +9,8 @@ the rate. Both heads start at zero: an untrained network answers the rest pose.
 Coordinates are unit coordinates: [-1, 1] along the crop's larger side, as ``wildpuppet.fit.energy.to_unit`` maps them.
 """
 
+from typing import Protocol
+
 import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor, nn
@@ -19,6 +21,18 @@ from wildpuppet.settings import TrainSettings
 CHANNELS = (64, 128, 256)
 ENCODER = (1024, 1024)
 DECODER = (1024, 2048)
+
+
+class Network(Protocol):
+    """What both recipes' networks (torch modules) can do; unit coordinates."""
+
+    pixels: int
+
+    def encode(self, pictures: Float[Tensor, "B 3 P P"]) -> Float[Tensor, "B Z"]:
+        """Find the codes of pictures (RGB 0..1, made by ``shrink``)."""
+
+    def decode(self, codes: Float[Tensor, "B Z"]) -> Float[Tensor, "B V 2"]:
+        """Find the vertices of codes."""
 
 
 class DeformationNetwork(nn.Module):
