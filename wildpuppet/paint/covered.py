@@ -72,7 +72,7 @@ def uncovered(
     if not sure.any():
         return np.ones(sure.shape, np.float32)
     unlike = is_strange & (np.abs(smooth - model).max(-1) > FOREIGN)
-    covered = _grown(sure, unlike | (drawn.before[..., 3] <= 0.5), reach + 2)
+    covered = _grown(sure, unlike | (drawn.before[..., 3] <= 0.5), 2 * reach + 3)
     closed = cv2.morphologyEx(covered, cv2.MORPH_CLOSE, speck)
     return np.asarray(1.0 - closed.astype(np.float32), np.float32)
 

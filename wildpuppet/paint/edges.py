@@ -58,19 +58,19 @@ def _around(mask: Bool[np.ndarray, "h w"], border: int) -> tuple[slice, slice]:
 
 def _along(result: Colours, view: _View, reach: int) -> Colours:
     frame, before, after, own, changed = view
-    core = _eroded(own, 1) & changed & (before[..., 3] > 0.95)
-    beyond = ~_grown(own, reach)
-    if not core.any() or not beyond.any():
+    inner, beyond = _eroded(own, 1) & (before[..., 3] > 0.95), ~_grown(own, reach)
+    if not inner.any() or not beyond.any():
         return result
-    distance, place = _nearest_place(core)
-    band = ~core & (distance <= reach + 2) & (~own | changed) & ~_eroded(own, 1)
+    distance, place = _nearest_place(inner)
+    _, rim = _nearest_place(own)
+    band = changed[place] & changed[rim] & ~inner & (distance <= reach + 2)
     old, new = (picture[place[0][band], place[1][band]] for picture in (before, after))
     _, outside = _nearest_place(beyond)
     back = frame[outside[0][band], outside[1][band]]
     old_colour = old[:, :3] / old[:, 3:]
     share = np.zeros(own.shape, np.float32)
     share[band], is_clear = _shares(frame[band], old_colour, back)
-    share = _falling(share, own | core, reach)
+    share = _falling(share, own, reach)
     mixed = frame[band] + share[band][:, None] * (new[:, :3] + (1.0 - new[:, 3:]) * back - old_colour)
     taken = is_clear & ((share[band] > 0.0) | own[band])
     corrected = result.copy()

@@ -7,7 +7,7 @@ decided anew only when the frame itself changed.
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import UInt8
@@ -40,6 +40,7 @@ PAPER = 128
 WHITE: Light = (1.0, 1.0, 1.0)
 
 
+@runtime_checkable
 class Background(Protocol):
     """Gives frames without the character."""
 
@@ -132,6 +133,7 @@ def _lights(job: Job, both: Both, report: "_Report") -> list[Light]:
     return lights(measured, job.animation.shot)
 
 
+@runtime_checkable
 class _Report(Protocol):
     def __call__(self, done: int, /) -> None: ...
 
