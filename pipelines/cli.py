@@ -23,6 +23,7 @@ COMMANDS = {
     "export": ("export", "write a run in the formats of other programs"),
     "paint": ("paint", "draw every frame with a texture that was painted on once"),
     "formats": ("formats", "list those formats: what opens them, how exact they are"),
+    "inbetween": ("inbetween", "draw frames between two frames of a run, at any size"),
     "status": ("status", "say for each stage whether it is kept or would run, and why"),
     "prune": ("prune", "clear results that no run refers to"),
     "puppet import": ("puppet_import", "turn another tool's file (PSD, ORA, PNGs, SVG, ...) into a puppet folder"),

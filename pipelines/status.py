@@ -137,6 +137,9 @@ def past_runs(path: Path, store: Path) -> list[Past]:
     """Find the run that OUT folder ``path`` holds, or the runs on video or folder ``path``, newest last."""
     if (path / RUN).is_file():
         tree = read_json(path / RUN)
+        if "made_by" in tree.get("request", {}):
+            command = tree["request"]["made_by"]["command"]
+            raise InputError(f"{path}: made by `wildpuppet {command}` from another run; ask for the status of that one")
         if "request" in tree:
             return [_past(tree, path)]
     notes = Store(store).runs().values()

@@ -12,14 +12,17 @@ from numpy.typing import ArrayLike
 
 from wildpuppet.correspond.carry import carry
 from wildpuppet.correspond.flow import DenseFlow, flow
+from wildpuppet.deform.model import Model
 from wildpuppet.errors import InputError
 from wildpuppet.export.export import export
 from wildpuppet.export.formats import formats_of
 from wildpuppet.export.options import Options
 from wildpuppet.machine import Progress, silent
+from wildpuppet.motion.inbetween import Method
 from wildpuppet.paint.of_run import paint_run
 from wildpuppet.paint.paint import Over
 from wildpuppet.paint.template import write_template
+from wildpuppet.remake.inbetween import SIZE, Inbetweens, inbetweens_of_run
 from wildpuppet.runs import RunFolder
 from wildpuppet.types import PointTracks
 
@@ -71,6 +74,25 @@ class Run(RunFolder):
         moved. Raises InputError for pictures that do not fit the puppet and for an ``out`` with other files.
         """
         return paint_run(self, Path(texture), Path(out), over, None if source is None else Path(source), progress)
+
+    def inbetween(
+        self,
+        first: int,
+        last: int,
+        count: int = 3,
+        method: Method = "ours",
+        model: Model | None = None,
+        size: int = SIZE,
+        closely: bool = False,
+        source: str | Path | None = None,
+    ) -> Inbetweens:
+        """Make ``count`` poses between frames ``first`` and ``last``; ``posed.animation`` of the result can be drawn.
+
+        ``method`` "code" needs a ``model`` (``wildpuppet.models.load_model``). ``size`` is the larger side of the
+        picture, which shows the run's whole picture, or with ``closely`` the character.
+        """
+        place = None if source is None else Path(source)
+        return inbetweens_of_run(self, (first, last), count, method, model, size, closely, place)
 
 
 def open_run(path: str | Path) -> Run:

@@ -51,6 +51,9 @@ def is_clip(run: RunFolder) -> bool:
 
 def source_of_run(run: RunFolder, source: Path | None = None) -> Path:
     """Find the clip or the folder of drawings of a run; raises InputError where it is gone or has changed."""
+    made_by = run.run["request"].get("made_by")
+    if made_by:
+        raise InputError(f"{run.folder}: made by `wildpuppet {made_by['command']}`, no pictures lie behind it")
     place = source or Path(run.run["request"]["source"])
     kind = "clip" if is_clip(run) else "folder of drawings"
     if not place.exists():

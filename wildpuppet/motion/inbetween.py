@@ -32,7 +32,8 @@ PRIOR = 0.75
 MOST_CASES = 64
 """Drawings that the strengths are learnt from, evenly spread."""
 
-Decoder = Callable[[Float[np.ndarray, "B Z"]], Float[np.ndarray, "B V 2"]]
+Decoder = Callable[[Float[np.ndarray, "B Z"], Float[np.ndarray, "B"]], Float[np.ndarray, "B V 2"]]
+"""Turns codes into vertices in the keys' pixels; it is told at which share of the way each of them is."""
 Strengths = dict[str, float]
 
 
@@ -162,7 +163,7 @@ def _along(bones: Bones, times: Times, shares: Float[np.ndarray, "N"], strengths
 def _by_codes(keys: Keys, shares: Float[np.ndarray, "N"], codes: Codes | None) -> Float[np.ndarray, "N V 2"]:
     if codes is None:
         raise ValueError("method code: expected codes")
-    ends = codes.decode(np.stack([codes.first, codes.last]))
+    ends = codes.decode(np.stack([codes.first, codes.last]), np.array([0.0, 1.0]))
     missed = keys.vertices[1:3] - ends
-    mixed = codes.decode(np.stack([chord(codes.first, codes.last, share) for share in shares.tolist()]))
+    mixed = codes.decode(np.stack([chord(codes.first, codes.last, share) for share in shares.tolist()]), shares)
     return np.asarray(mixed + np.stack([chord(missed[0], missed[1], share) for share in shares.tolist()]))

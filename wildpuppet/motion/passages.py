@@ -41,14 +41,18 @@ class Drawings:
         return len(self.rows)
 
 
-def drawings_of(crops: Crops, fit: Fit, hold_out: tuple[int, ...] = ()) -> Drawings:
-    """List the drawings that were found and not doubted, but those of the frames ``hold_out``."""
+def drawings_of(crops: Crops, fit: Fit, keys: tuple[int, ...] = ()) -> Drawings:
+    """List the drawings that were found and not doubted.
+
+    Frames ``keys`` are listed even where they are doubted, and stand for their drawing at their own place and time.
+    """
     vertices = apply(crops.video_from_crop, fit.vertices_crop.astype(np.float64))
-    is_new = np.concatenate([[True], np.diff(crops.drawing) != 0])
+    exposure = np.cumsum(np.concatenate([[0], np.diff(crops.drawing) != 0]))
+    is_key = np.isin(fit.frames, keys)
+    is_new = np.concatenate([[True], np.diff(exposure) != 0]) & ~np.isin(exposure, exposure[is_key])
     is_found = np.array([state in ("fitted", "held") for state in fit.state]) & np.isfinite(vertices).all((1, 2))
     is_lost = np.array([state == "lost" for state in fit.state])
-    is_held_out = np.isin(crops.drawing, crops.drawing[np.isin(fit.frames, hold_out)])
-    rows = np.flatnonzero(is_new & is_found & ~is_held_out)
+    rows = np.flatnonzero((is_new & is_found) | is_key)
     broken = np.cumsum(is_lost) + np.cumsum(np.concatenate([[0], np.diff(crops.shot) != 0]))
     passage = passages(vertices[rows], broken[rows])
     times = fit.frames[rows].astype(np.float64)
