@@ -17,8 +17,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 SIDE = 64
-CHANNELS = (16, 32, 48, 64)
-HIDDEN = 128
+CHANNELS = (8, 16, 32, 48)
+HIDDEN = 96
 TEXTURE_CODE, WARP_CODE = 16, 64
 STEEPEST = 4.0
 """An offset lies between 0 and this many times the identity's."""

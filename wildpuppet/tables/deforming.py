@@ -28,7 +28,7 @@ from wildpuppet.tables.autoencoder import SIDE, DeformingAutoEncoder
 Picture = UInt8[np.ndarray, "H W 3"]
 
 STEPS = 1000
-BATCH = 16
+BATCH = 8
 RATE = 1e-3
 SMOOTH, CENTRED = 1e-3, 0.1
 SHIFT = 3
@@ -45,7 +45,7 @@ def train_deforming(
     with one_thread():
         known = functional.pad(torch.stack([_square(picture) for picture in drawings]), (SHIFT,) * 4, value=1.0)
         network = DeformingAutoEncoder(torch.Generator().manual_seed(seed))
-        optimizer = torch.optim.Adam(network.parameters(), lr=RATE)
+        optimizer = torch.optim.Adam(network.parameters(), lr=RATE, fused=True)
         schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, total_steps=steps)
         for step in range(steps):
             loss = _loss(network, _batch(known, np.random.default_rng([seed, step])))

@@ -17,10 +17,8 @@ PAPER = 255
 LETTERS = (40, 40, 40)
 
 
-def grid(columns: Mapping[str, Sequence[Picture | None]], tile: int = TILE) -> Picture:
+def grid(columns: Mapping[str, Sequence[Picture | None]], tile: int = TILE) -> UInt8[np.ndarray, "h w 3"]:
     """Lay pictures out; columns may differ in length, and where a picture is missing the paper stays empty."""
-    if not columns:
-        raise ValueError("expected at least one column")
     num_rows = max(len(pictures) for pictures in columns.values())
     sheet = np.full((WORDS + num_rows * (tile + GAP), len(columns) * (tile + GAP), 3), PAPER, np.uint8)
     for column, (name, pictures) in enumerate(columns.items()):
@@ -33,7 +31,7 @@ def grid(columns: Mapping[str, Sequence[Picture | None]], tile: int = TILE) -> P
     return sheet
 
 
-def fitted(picture: Picture, tile: int) -> Picture:
+def fitted(picture: Picture, tile: int) -> UInt8[np.ndarray, "tile tile 3"]:
     """Scale a picture into a white square."""
     height, width = picture.shape[:2]
     scale = tile / max(height, width)
