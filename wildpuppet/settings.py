@@ -166,6 +166,43 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Seed of initial weights and batches."""
 
 
+class RefineSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The appearance refinement: from the rendered puppet to the drawn frame."""
+
+    method: Literal["both", "network", "texture"] = "both"
+    """network: the paper's generator, from the rendered puppet alone; texture: no network, the colours that the
+    drawings nearest in pose show; both: a generator that corrects those."""
+    neighbours: Annotated[int, Meta(ge=1, le=64)] = 8
+    """Drawings per part whose colours are averaged."""
+    beside: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.07
+    """How far beyond the puppet the drawings are looked up, as a share of its larger side. Higher finds more of what
+    the puppet lacks, and more that belongs elsewhere."""
+    iterations: Annotated[int, Meta(ge=1)] = 600
+    """Generator steps."""
+    batch: Count = 4
+    """Patches per step."""
+    patch: Annotated[int, Meta(ge=32, le=1024)] = 96
+    """Side of a patch, crop pixels; a multiple of 2 to the power of ``depth``."""
+    width: Annotated[int, Meta(ge=4, le=256)] = 12
+    """Channels of the first layer; pix2pix has 64, for a GPU. Higher learns more and is slower (quadratic)."""
+    depth: Annotated[int, Meta(ge=1, le=7)] = 4
+    """Halvings of the picture; pix2pix has 8 for 256 pixels."""
+    learning_rate: Positive = 1.0e-3
+    """Adam's step size at first; it falls to 0 over the last third. The paper's kind of network takes 1e-4 for long."""
+    critic_steps: Annotated[int, Meta(ge=0, le=20)] = 5
+    """Critic steps per generator step; 0 trains without a critic, several times faster."""
+    absolute: NotNegative = 100.0
+    """Weight of the mean absolute difference (gamma 1)."""
+    squared: NotNegative = 1000.0
+    """Weight of the mean squared difference; 0 is the paper. Higher: nearer on average, softer lines."""
+    slope: NotNegative = 10.0
+    """Weight of the critic's gradient penalty (gamma 2)."""
+    adversarial: NotNegative = 1.0
+    """Weight of the critic's word. Higher: crisper, farther from the drawing."""
+    seed: int = 0
+    """Seed of initial weights and patches."""
+
+
 class OutSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What is written to OUT beside meshes.npz and run.json."""
 
