@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from wildpuppet.errors import InputError, SettingsError
+from wildpuppet.errors import SettingsError
 
 from .reporter import Reporter, terminal
 
@@ -75,6 +75,7 @@ def _made(
 ) -> "tuple[Inbetweens, Callable[[int], Picture] | None, Finish | None]":
     from wildpuppet.api import open_run
     from wildpuppet.models import load_model
+    from wildpuppet.remake.shown import pictures_of_run
 
     method = arguments.method or ("ours" if arguments.model is None else "code")
     if len(arguments.sources) == 1:
@@ -91,7 +92,7 @@ def _made(
             arguments.around == "character",
             arguments.source,
         )
-        return found, _pictures_of(run, arguments.source), _finish(arguments, run)
+        return found, pictures_of_run(run, arguments.source), _finish(arguments, run)
     return _between_pictures(arguments), None, None
 
 
@@ -121,20 +122,6 @@ def _out_of(arguments: Arguments) -> Path:
     name = arguments.sources[0].resolve().name if arguments.sources else "inbetween"
     frames = "pictures" if arguments.frames is None else f"{arguments.frames[0]}-{arguments.frames[1]}"
     return Path("out") / f"{Path(name).stem}-{frames}"
-
-
-def _pictures_of(run: "Run", source: Path | None) -> "Callable[[int], Picture] | None":
-    """Read the run's pictures for the sheet; without them the sheet shows the inbetweens alone."""
-    from wildpuppet.export.source import source_of
-    from wildpuppet.recut import clip_of_run, is_clip, source_of_run
-
-    try:
-        place = clip_of_run(run, source) if is_clip(run) else source_of_run(run, source)
-    except InputError:
-        if source is not None:
-            raise
-        return None
-    return source_of(place).picture
 
 
 def _finish(arguments: Arguments, run: "Run") -> "Finish | None":

@@ -4,7 +4,7 @@ run = wildpuppet.run("clip.mp4", (285, 125, 275, 318), at=150, puppet="puppet")
 tracks = wildpuppet.open_run("out/clip").carry([[400.0, 200.0]], frame=150)
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from wildpuppet.paint.of_run import paint_run
 from wildpuppet.paint.paint import Over
 from wildpuppet.paint.template import write_template
 from wildpuppet.remake.inbetween import SIZE, Inbetweens, inbetweens_of_run
+from wildpuppet.remake.retarget import Retargeted, retargeted_run
 from wildpuppet.runs import RunFolder
 from wildpuppet.types import PointTracks
 
@@ -93,6 +94,15 @@ class Run(RunFolder):
         """
         place = None if source is None else Path(source)
         return inbetweens_of_run(self, (first, last), count, method, model, size, closely, place)
+
+    def retarget(self, to: str | Path, height: float = 1.0, match: Mapping[str, str] | None = None) -> Retargeted:
+        """Put the run's motion on the puppet of folder ``to``; ``posed`` of the result is it in motion.
+
+        ``height`` is how tall it becomes, as a share of the character it follows; ``match`` pairs parts whose names
+        differ, the puppet's -> the run's. ``wildpuppet.remake.posed`` writes it as a run. Raises InputError where no
+        part has a namesake.
+        """
+        return retargeted_run(self, Path(to), height, match)
 
 
 def open_run(path: str | Path) -> Run:

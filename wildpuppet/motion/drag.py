@@ -1,0 +1,115 @@
+"""Drag a pose by handles so that the rest follows as it did in known poses.
+
+Where a code may go is read off the known poses (a run's own frames), with weights that fall with the distance from the
+pose that is dragged and with how far the pose's own points are from the targets. Both scales grow with the drag itself
+(r, the root mean square of the handles' ways): a small drag looks at near poses, a large one further away, and a drag
+of nothing stays. With w_k the weights, x_k the known codes:
+
+    centre = sum_k w_k x_k,   directions = sqrt(w'_k) (x_k - centre),   w' as w, but never narrower than the poses lie
+
+Then Gauss-Newton over the directions (``fit/pull_codes.py``), then the last pixel over the vertices
+(``fit/pull_vertices.settle``), so that handles are met exactly.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from wildpuppet.fit.handles import RIGID, Handles, deform_energy
+from wildpuppet.fit.pull_codes import Decoder, Subspace, decode, pull_codes
+from wildpuppet.fit.pull_vertices import settle
+from wildpuppet.types import Puppet
+
+NEAR_POSE = 0.25
+"""How far, in drags, a known pose may be from the dragged one (per vertex) to count by half or so."""
+NEAR_TARGET = 0.5
+"""The same for how far its points are from the targets."""
+REACH = 2.0
+"""The directions see at least this far, in typical distances between neighbouring poses."""
+SPREAD = 0.3
+"""How exactly the known poses are believed, in the same distances."""
+TURNING = 0.02
+"""Radians by which each part may turn on its own beside what known poses do."""
+MOST_DIRECTIONS = 48
+LONE_SPACING = 0.01
+"""Typical distance, of [-1, 1], where there are not two poses to measure it on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """Poses that are known, pixels, and their codes; ``turnings`` are directions of the code that are always free."""
+
+    vertices: Float[np.ndarray, "K V 2"]
+    codes: Float[np.ndarray, "K Z"]
+    turnings: Float[np.ndarray, "n Z"]
+
+
+@dataclass(frozen=True, eq=False)
+class Dragged:
+    """The answer: ``vertices`` meet the handles, ``decoded`` are the code's own (pixels)."""
+
+    vertices: Float[np.ndarray, "V 2"]
+    decoded: Float[np.ndarray, "V 2"]
+    code: Float[np.ndarray, "Z"]
+
+
+def drag(
+    puppet: Puppet,
+    decoder: Decoder,
+    known: Known,
+    start: int,
+    handles: Handles,
+    unit: float,
+    rigid: float = RIGID,
+) -> Dragged:
+    """Drag the known pose ``start`` by its handles. ``unit`` is 2 over the crop's larger side."""
+    from_pose = known.vertices[start].astype(np.float64)
+    space = subspace(known, start, handles, unit)
+    energy = deform_energy(puppet, from_pose, handles, unit, rigid)
+    code = pull_codes(energy, decoder, space)
+    left = from_pose - decode(decoder, known.codes[start])
+    decoded = decode(decoder, code) + left
+    settled = settle(deform_energy(puppet, decoded, handles, unit), decoded)
+    return Dragged(settled, decoded, code)
+
+
+def subspace(known: Known, start: int, handles: Handles, unit: float) -> Subspace:
+    """Say where the answer is looked for."""
+    spacing = typical_spacing(known.vertices) * unit
+    pose, target = _distances(known, start, handles)
+    way = float(target[start])
+    pose, target, way = pose * unit**2, target * unit**2, way * unit**2
+    near = _weights(pose, target, NEAR_POSE**2 * way, NEAR_TARGET**2 * way)
+    least = (REACH * spacing) ** 2
+    wide = _weights(pose, target, NEAR_POSE**2 * way + least, NEAR_TARGET**2 * way + least)
+    centre = near @ known.codes
+    used = np.argsort(-wide, kind="stable")[:MOST_DIRECTIONS]
+    directions = np.sqrt(wide[used])[:, None] * (known.codes[used] - centre)
+    return Subspace(centre, np.concatenate([directions, TURNING * known.turnings]), SPREAD * spacing)
+
+
+def typical_spacing(vertices: Float[np.ndarray, "K V 2"]) -> float:
+    """Measure the median distance (root mean square over vertices, pixels) from a pose to the one nearest to it."""
+    flat = vertices.reshape(len(vertices), -1).astype(np.float64)
+    if len(flat) < 2:
+        return LONE_SPACING * float(np.ptp(vertices, axis=(0, 1)).max()) / 2.0
+    squares = (flat**2).sum(1)
+    apart = squares[:, None] + squares[None] - 2.0 * flat @ flat.T
+    np.fill_diagonal(apart, np.inf)
+    return float(np.median(np.sqrt(np.maximum(apart.min(1), 0.0) / vertices.shape[1])))
+
+
+def _distances(known: Known, start: int, handles: Handles) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
+    """Mean squared distance of each known pose from the start, and of its points from the targets."""
+    pose = ((known.vertices - known.vertices[start]) ** 2).sum(-1).mean(-1)
+    return pose, ((handles.points(known.vertices) - handles.targets) ** 2).sum(-1).mean(-1)
+
+
+def _weights(
+    pose: Float[np.ndarray, "K"], target: Float[np.ndarray, "K"], pose_scale: float, target_scale: float
+) -> Float[np.ndarray, "K"]:
+    tiny = 1e-12
+    logarithm = -pose / (2.0 * pose_scale + tiny) - target / (2.0 * target_scale + tiny)
+    weights = np.exp(logarithm - logarithm.max())
+    return np.asarray(weights / weights.sum())
