@@ -20,6 +20,8 @@ SIDE = 64
 CHANNELS = (8, 16, 32, 48)
 HIDDEN = 96
 TEXTURE_CODE, WARP_CODE = 16, 64
+PAPER = 2.0
+"""Textures start nearly white (before the sigmoid): drawings stand on white paper."""
 STEEPEST = 4.0
 """An offset lies between 0 and this many times the identity's."""
 
@@ -49,14 +51,17 @@ class DeformingAutoEncoder(nn.Module):
         self.to_affine = nn.Linear(WARP_CODE, 6)
         self._start(generator)
 
-    def forward(self, pictures: Float[Tensor, "B 3 S S"]) -> Seen:
-        """Take pictures apart and put them together again."""
+    def forward(self, pictures: Float[Tensor, "B 3 S S"], own_texture: float = 1.0) -> Seen:
+        """Take pictures apart and put them together again.
+
+        At ``own_texture`` 0 all share one texture, so that only the warp can tell them apart.
+        """
         found = pictures
         for convolution in self.convolutions:
             found = functional.leaky_relu(convolution(found), 0.2)
         codes = self.to_codes(found.flatten(1))
         texture_code, warp_code = codes.split((TEXTURE_CODE, WARP_CODE), 1)
-        textures = torch.sigmoid(self.texture(texture_code))
+        textures = torch.sigmoid(self.texture(texture_code * own_texture))
         offsets = _offsets(self.warp(warp_code))
         warps = _moved(_added_up(offsets), self.to_affine(warp_code))
         seen = functional.grid_sample(
@@ -72,6 +77,7 @@ class DeformingAutoEncoder(nn.Module):
                     values.zero_()
                 else:
                     values.normal_(0.0, (2.0 / values[0].numel()) ** 0.5, generator=generator)
+            self.texture.last.bias.fill_(PAPER)
 
 
 class _Decoder(nn.Module):

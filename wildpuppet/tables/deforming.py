@@ -1,6 +1,6 @@
 """Train the deforming auto-encoder on some drawings; ask it for pictures and correspondences.
 
-L = |seen - drawing|^2 (mean, 0..1) + 1e-3 |warp's offsets' differences| (total variation, mean) + 0.1 (batch mean of
+L = |seen - drawing|^2 (mean, 0..1) + 1e-3 |warp's offsets' differences| (total variation, mean) + 0.01 (batch mean of
 the warp - identity)^2, as in Shu et al. 2018 with weights for means instead of sums; Adam, drawings shifted by a few
 pixels so that the few there are do not wear out. Each step's batch depends on the seed and the step alone.
 """
@@ -29,8 +29,10 @@ Picture = UInt8[np.ndarray, "H W 3"]
 
 STEPS = 1000
 BATCH = 8
-RATE = 1e-3
-SMOOTH, CENTRED = 1e-3, 0.1
+RATE = 3e-3
+SMOOTH, CENTRED = 1e-3, 0.01
+SHARED = 0.5
+"""Share of the steps in which all drawings have one texture: the warp must learn to move it first."""
 SHIFT = 3
 """Pixels (of 64) by which drawings are shifted in training, at most."""
 FINE = 256
@@ -48,7 +50,7 @@ def train_deforming(
         optimizer = torch.optim.Adam(network.parameters(), lr=RATE, fused=True)
         schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, total_steps=steps)
         for step in range(steps):
-            loss = _loss(network, _batch(known, np.random.default_rng([seed, step])))
+            loss = _loss(network, _batch(known, np.random.default_rng([seed, step])), float(step >= SHARED * steps))
             optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             optimizer.step()
@@ -65,8 +67,8 @@ def _batch(known: Float[Tensor, "D 3 P P"], drawn: np.random.Generator) -> Float
     )
 
 
-def _loss(network: DeformingAutoEncoder, pictures: Float[Tensor, "B 3 S S"]) -> Tensor:
-    seen = network(pictures)
+def _loss(network: DeformingAutoEncoder, pictures: Float[Tensor, "B 3 S S"], own_texture: float) -> Tensor:
+    seen = network(pictures, own_texture)
     wrong = functional.mse_loss(seen.pictures, pictures)
     rough = seen.offsets.diff(dim=2).abs().mean() + seen.offsets.diff(dim=3).abs().mean()
     centred = ((seen.warps.mean(0) - _identity()) ** 2).mean()
