@@ -139,7 +139,7 @@ class _Scene:
             write(f'[node name="{name}" type="Marker2D" parent="{WINDOW}"]\n')
             write(f"position = {_packed('Vector2', hinge.crop[0])}\n\n")
         write(f'[node name="{PLAYER}" type="AnimationPlayer" parent="."]\n')
-        write(f'libraries = {{\n"": SubResource("Library")\n}}\nautoplay = "{first}"\n')
+        write(f'libraries = {{\n"": SubResource("AnimationLibrary_1")\n}}\nautoplay = "{first}"\n')
 
 
 def _packed(kind: str, values: np.ndarray) -> str:
