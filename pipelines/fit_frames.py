@@ -1,4 +1,7 @@
-"""From crops and a puppet to a fit: hinges, search, choose, fit. Long stages go in chunks that are kept one by one."""
+"""From crops and a puppet to a fit: hinges, search, choose, fit, confidence.
+
+Long stages go in chunks that are kept one by one.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -50,13 +53,15 @@ def with_learnt_hinges(keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops])
 def fit_frames(
     keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops], frames: Frames, keyframes: Keyframes = NO_KEYFRAMES
 ) -> Kept[Fit]:
-    """Fit the puppet to every frame."""
+    """Fit the puppet to every frame and say how far it can be trusted."""
     placement = keeper.keep(stages.PLACE, puppet=puppet, crops=crops)
-    poses = find_poses(keeper, puppet, crops, placement, frames, keyframes)
+    hypotheses, poses = find_poses(keeper, puppet, crops, placement, frames, keyframes)
     if keeper.settings.fit.method == "network":
         training = [index for index in range(frames.number) if index not in set(frames.test)]
-        return keeper.keep(stages.TRAIN, puppet=puppet, crops=crops, poses=poses, frames=given(training))
-    return descend(keeper, puppet, crops, poses, frames, keyframes)
+        fit = keeper.keep(stages.TRAIN, puppet=puppet, crops=crops, poses=poses, frames=given(training))
+    else:
+        fit = descend(keeper, puppet, crops, poses, frames, keyframes)
+    return keeper.keep(stages.CONFIDENCE, puppet=puppet, crops=crops, hypotheses=hypotheses, poses=poses, fit=fit)
 
 
 def find_poses(
@@ -66,14 +71,20 @@ def find_poses(
     placement: Kept[Any],
     frames: Frames,
     keyframes: Keyframes = NO_KEYFRAMES,
-) -> Kept[Poses]:
+) -> tuple[Kept[Hypotheses], Kept[Poses]]:
     """Search every frame's pose and choose over time; with the search off, the placed rest pose everywhere."""
     if not keeper.settings.search.enabled:
-        return keeper.keep(stages.REST, puppet=puppet, crops=crops, placement=placement)
+        poses = keeper.keep(stages.REST, puppet=puppet, crops=crops, placement=placement)
+        return poses.derived("alone", _alone), poses
     hypotheses = search(keeper, puppet, crops, placement, frames)
     if keyframes:
         hypotheses = follow_keyframes(keeper, puppet, crops, placement, hypotheses, keyframes)
-    return keeper.keep(stages.CHOOSE, puppet=puppet, crops=crops, hypotheses=hypotheses)
+    return hypotheses, keeper.keep(stages.CHOOSE, puppet=puppet, crops=crops, hypotheses=hypotheses)
+
+
+def _alone(poses: Poses) -> Hypotheses:
+    """Take poses that nothing was weighed against for the only hypotheses."""
+    return Hypotheses(poses.crop_from_canvas[:, None], poses.order[:, None], poses.cost[:, None])
 
 
 def search(

@@ -147,6 +147,7 @@ INPUTS: dict[str, Callable[[Drawn], tuple[Any, ...]]] = {
     "fit.keyed": lambda drawn: (drawn.puppet, drawn.crops, drawn.poses, slice(0, FRAMES), [drawn.keyframe]),
     "fit": lambda drawn: (drawn.pieces(drawn.fit, FIT),),
     "train": lambda drawn: (drawn.puppet, drawn.crops, drawn.poses, [0, 1, 2]),
+    "confidence": lambda drawn: (drawn.puppet, drawn.crops, drawn.hypotheses, drawn.poses, drawn.fit),
     "reuse": lambda drawn: (drawn.crops,),
     "exposure": lambda drawn: (drawn.clip, drawn.crops, drawn.fit, drawn.crops.drawing),
     "meshes": lambda drawn: (drawn.clip, drawn.puppet, drawn.crops, drawn.fit),

@@ -218,7 +218,13 @@ def _train(
     state = tuple(crops.state[index] if index in set(frames) else "lost" for index in range(len(crops.frames)))
     seen = replace(crops, state=state)
     trained = learn(puppet, seen, poses, train_settings, fit_settings, machine, checkpoint)
-    return fit_of(puppet, crops, poses, trained, train_settings, fit_settings, machine)
+    return fit_of(puppet, crops, poses, trained, train_settings, machine)
+
+
+def _confidence(puppet: Puppet, crops: Crops, hypotheses: Hypotheses, poses: Poses, fit: Fit, machine: Machine) -> Fit:
+    from wildpuppet.fit.confidence import with_confidence
+
+    return with_confidence(puppet, crops, hypotheses, poses, fit, machine)
 
 
 def _reuse(crops: Crops, settings: CropSettings, machine: Machine) -> Int[np.ndarray, "T"]:
@@ -291,10 +297,11 @@ KEYFRAMES_PART = Stage(
 KEYFRAMES = Stage("keyframes", 1, (), _keyframes, disk.save_hypotheses, disk.load_hypotheses)
 CHOOSE = Stage("choose", 1, ("search",), _choose, disk.save_poses, disk.load_poses)
 REST = Stage("rest", 1, (), _rest, disk.save_poses, disk.load_poses)
-FIT_PART = Stage("fit.part", 2, ("fit",), _fit_part, disk.save_fit, disk.load_fit)
+FIT_PART = Stage("fit.part", 3, ("fit",), _fit_part, disk.save_fit, disk.load_fit)
 FIT_KEYED = Stage("fit.keyed", FIT_PART.version, ("fit",), _fit_keyed, disk.save_fit, disk.load_fit)
 FIT = Stage("fit", 1, (), _fit, disk.save_fit, disk.load_fit)
-TRAIN = Stage("train", 1, ("train", "fit"), _train, disk.save_fit, disk.load_fit, has_checkpoint=True)
+TRAIN = Stage("train", 2, ("train", "fit"), _train, disk.save_fit, disk.load_fit, has_checkpoint=True)
+CONFIDENCE = Stage("confidence", 1, (), _confidence, disk.save_fit, disk.load_fit)
 REUSE = Stage("reuse", 1, ("crop",), _reuse, disk.save_numbers, disk.load_numbers)
 EXPOSURE = Stage("exposure", 1, (), _exposure, disk.save_files, disk.load_folder)
 MESHES = Stage("meshes", 1, ("out",), _meshes, disk.save_files, disk.load_folder)
@@ -302,7 +309,7 @@ PREVIEW = Stage("preview", 1, (), _preview, disk.save_files, disk.load_folder)
 
 STAGES = (
     PROBE, TRACK, CROP, DRAWINGS, AUTOMATIC, PUPPET, PLACE, HINGES, SEARCH_PART, SEARCH, KEYFRAMES_PART,
-    KEYFRAMES, CHOOSE, REST, FIT_PART, FIT_KEYED, FIT, TRAIN, REUSE, EXPOSURE, MESHES, PREVIEW,
+    KEYFRAMES, CHOOSE, REST, FIT_PART, FIT_KEYED, FIT, TRAIN, CONFIDENCE, REUSE, EXPOSURE, MESHES, PREVIEW,
 )  # fmt: skip
 NAMES = tuple(stage.name for stage in STAGES if "." not in stage.name)
 """What ``--until`` and ``--redo`` take."""

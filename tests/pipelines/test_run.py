@@ -99,9 +99,9 @@ def test_changed_fit_setting_reruns_only_fit_and_what_follows_and_status_says_wh
     assert f"{FRAMES} frames, " in advice
     assert "most worth a look" in advice
     assert told["fit"] == "would run because settings.fit.area 0.002 -> 0.2"
-    assert {step for step, words in told.items() if words != "kept"} == {"fit", "exposure", "meshes"}
+    assert {step for step, words in told.items() if words != "kept"} == {"fit", "confidence", "exposure", "meshes"}
     assert drawn.run("--fit.area", "0.2", out="changed") == 0
-    assert made_now(capsys.readouterr().err) == ["fit", "exposure", "meshes"]
+    assert made_now(capsys.readouterr().err) == ["fit", "confidence", "exposure", "meshes"]
 
 
 def test_redo_makes_one_stage_anew_and_what_follows_stays_when_it_comes_out_the_same(

@@ -4,22 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float
 
 from wildpuppet.deform.learn import Trained, learn, one_thread, predict
 from wildpuppet.deform.objective import TERMS, objective_of, scales_of
-from wildpuppet.fit.confidence import confidence_of
-from wildpuppet.fit.descent import make_problem
 from wildpuppet.fit.energy import to_unit
-from wildpuppet.fit.target import target_at
 from wildpuppet.machine import Machine
 from wildpuppet.settings import FitSettings, TrainSettings
 from wildpuppet.types import Crops, Fit, FitState, Poses, Puppet
 
 BATCH = 8
 """Frames scored at a time."""
-DOUBTFUL = 0.25
-"""Mean confidence under which a frame counts as doubtful."""
 
 
 def train(
@@ -38,7 +32,7 @@ def train(
         StoreError: the checkpoint is another training's, or cannot be written.
     """
     trained = learn(puppet, crops, poses, train, fit, machine, checkpoint)
-    return fit_of(puppet, crops, poses, trained, train, fit, machine)
+    return fit_of(puppet, crops, poses, trained, train, machine)
 
 
 def fit_of(
@@ -47,15 +41,14 @@ def fit_of(
     poses: Poses,
     trained: Trained,
     train: TrainSettings,
-    fit: FitSettings,
     machine: Machine,
 ) -> Fit:
-    """Read every frame with a trained network and score what it says."""
+    """Read every frame with a trained network and score what it says; confidence is 1, or 0 where nothing is seen."""
     vertices = predict(crops, trained, train, machine)
     objective = objective_of(puppet, crops, poses, train.as_printed, torch.device("cpu"))
     order, scales = torch.from_numpy(np.array(poses.order)).long(), torch.from_numpy(scales_of(poses)).float()
     found = torch.from_numpy(vertices).float()
-    rows, trust = [], []
+    rows = []
     with one_thread(), torch.no_grad():
         for start in range(0, len(vertices), BATCH):
             batch = slice(start, start + BATCH)
@@ -63,23 +56,19 @@ def fit_of(
             target = torch.from_numpy(images[..., :3]).float()
             terms = objective.terms(to_unit(found[batch], crops.size), target, order[batch], scales[batch])
             rows.append(torch.stack([terms[name] for name in TERMS], -1).numpy())
-            problem = make_problem(puppet, target_at(images, 1.0, 0.0), poses.order[batch], found[batch], fit)
-            trust.append(confidence_of(problem, found[batch]))
-    table, confidence = np.concatenate(rows).astype(np.float64), np.concatenate(trust)
+    table, confidence = np.concatenate(rows).astype(np.float64), np.ones(vertices.shape[:2], np.float32)
     confidence[np.array(crops.state) == "lost"] = 0.0
     losses = {name: table[:, column] for column, name in enumerate(TERMS)}
-    return Fit(crops.frames, vertices, poses.order, confidence, _states(crops, confidence.mean(1)), losses)
+    return Fit(crops.frames, vertices, poses.order, confidence, _states(crops), losses)
 
 
-def _states(crops: Crops, trust: Float[np.ndarray, "T"]) -> tuple[FitState, ...]:
+def _states(crops: Crops) -> tuple[FitState, ...]:
     """A frame that shows the drawing of an earlier one is held."""
     states: list[FitState] = []
     seen: set[int] = set()
-    for state, drawing, share in zip(crops.state, crops.drawing.tolist(), trust.tolist(), strict=True):
+    for state, drawing in zip(crops.state, crops.drawing.tolist(), strict=True):
         if state == "lost":
             states.append("lost")
-        elif share < DOUBTFUL:
-            states.append("doubtful")
         else:
             states.append("held" if drawing in seen else "fitted")
         seen.add(drawing)

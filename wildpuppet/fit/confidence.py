@@ -1,44 +1,101 @@
-"""How far each vertex can be trusted, from what the picture says around it.
+"""The confidence stage: how likely each vertex lies within a twentieth of the character's size of its true place.
 
-A vertex is trusted where the puppet's picture agrees with the frame's around it, less where it is hidden (then it only
-follows its neighbours).
+``signs`` says what speaks for a vertex, ``calibration`` what that was worth on puppets' own renders with known truth.
+A frame is ``doubtful`` where some part that is seen is more likely wrong than right.
 """
 
-import cv2
+from collections.abc import Iterator
+
 import numpy as np
-import torch
-from jaxtyping import Float
-from torch import Tensor
+from jaxtyping import Float, Int
 
-from wildpuppet.fit.descent import Problem
-from wildpuppet.fit.target import WHITE
-from wildpuppet.render.render import render
-from wildpuppet.render.surface import surface
+from wildpuppet.fit.calibration import probability
+from wildpuppet.fit.signs import HIGH, LOW, NAMES, closed_of, margin_of, picture_signs
+from wildpuppet.fit.witness import Witness, size_in
+from wildpuppet.geometry import affine
+from wildpuppet.machine import Machine
+from wildpuppet.types import Crops, Fit, FitState, Hypotheses, Poses, Puppet
 
-AGREES = 25.0
-"""Grey levels of difference at which half the trust is gone."""
-HIDDEN = 0.5
-"""Trust that is left where another layer covers the vertex."""
+DOUBTFUL = 0.5
+"""Mean confidence of a part under which its frame is doubtful: it is more likely wrong than right."""
+LEAST_PART = 0.02
+"""Share of the puppet's vertices from which a part can make a frame doubtful."""
 
 
-def confidence_of(problem: Problem, vertices: Float[Tensor, "B V 2"]) -> Float[np.ndarray, "B V"]:
-    """Compute 0..1 per vertex; ``vertices`` in level pixels."""
-    width, height = problem.size
-    with torch.no_grad():
-        image = render(vertices, problem.mesh, problem.texture, problem.order, problem.size).rgba
-        alpha = image[..., 3:]
-        difference = (problem.target.colour * alpha - WHITE * image[..., :3]).norm(dim=-1) / np.sqrt(3)
-        seen = surface(vertices, problem.mesh, problem.texture, problem.order, problem.size)
-    spread = 0.03 * max(problem.size)
-    result = np.zeros(vertices.shape[:2])
-    for b in range(len(vertices)):
-        mask = alpha[b, ..., 0].numpy()
-        weight = cv2.GaussianBlur(mask, (0, 0), spread) + 1e-3
-        local = cv2.GaussianBlur(difference[b].numpy(), (0, 0), spread) / weight
-        columns = vertices[b, :, 0].numpy().astype(int).clip(0, width - 1)
-        rows = vertices[b, :, 1].numpy().astype(int).clip(0, height - 1)
-        layer = seen.layer[b].numpy()[rows, columns]
-        hidden = (layer != problem.puppet.layer_of_vertex) & (layer >= 0)
-        trust = 1 / (1 + (local[rows, columns] / AGREES) ** 2)
-        result[b] = trust * np.where(hidden, HIDDEN, 1.0)
-    return result
+def with_confidence(
+    puppet: Puppet, crops: Crops, hypotheses: Hypotheses, poses: Poses, fit: Fit, machine: Machine
+) -> Fit:
+    """Fill in confidence and name the doubtful frames; ``fit`` began with ``poses``, chosen of ``hypotheses``."""
+    confidence = np.zeros(fit.vertices_crop.shape[:2], np.float32)
+    for t, signs in enumerate(signs_of(puppet, crops, hypotheses, poses, fit)):
+        if fit.state[t] != "lost":
+            confidence[t] = probability(signs)
+        machine.progress(t + 1, len(confidence))
+    return Fit(fit.frames, fit.vertices_crop, fit.order, confidence, _states(puppet, fit, confidence), fit.losses)
+
+
+def signs_of(
+    puppet: Puppet, crops: Crops, hypotheses: Hypotheses, poses: Poses, fit: Fit
+) -> Iterator[Float[np.ndarray, "V K"]]:
+    """Give the signs of every frame in turn, in the order of ``signs.NAMES``."""
+    witness = Witness(puppet)
+    beside = _neighbours(crops)
+    for t in range(len(fit.frames)):
+        vertices = fit.vertices_crop[t].astype(np.float64)
+        found = picture_signs(witness, crops.images[t : t + 1][0], vertices, fit.order[t])
+        found["margin"] = margin_of(
+            witness,
+            hypotheses.crop_from_canvas[t],
+            hypotheses.cost[t],
+            poses.crop_from_canvas[t],
+            found["seen_of_part"],
+        )
+        found["closed"], found["near"] = closed_of(witness, vertices), witness.near
+        found["steady"] = _steady(witness, crops, fit, t, beside[t])
+        yield np.stack([found[name] for name in NAMES], -1).clip(LOW, HIGH)
+
+
+def _neighbours(crops: Crops) -> Int[np.ndarray, "T 2"]:
+    """Find the last frame of the drawing before and the first of the one after, in the same shot; -1: there is none."""
+    number = len(crops.frames)
+    if not crops.ordered:
+        return np.full((number, 2), -1)
+    is_cut = np.r_[True, np.diff(crops.shot) != 0]
+    is_first = is_cut | np.r_[True, np.diff(crops.drawing) != 0]
+    starts = np.flatnonzero(is_first)
+    group = np.cumsum(is_first) - 1
+    ends = np.r_[starts[1:], number]
+    before, after = starts - 1, np.where(ends < number, ends, -1)
+    before = np.where(is_cut[starts], -1, before)
+    after = np.where((after >= 0) & is_cut[after], -1, after)
+    return np.stack([before[group], after[group]], 1)
+
+
+def _steady(witness: Witness, crops: Crops, fit: Fit, t: int, beside: Int[np.ndarray, "2"]) -> Float[np.ndarray, "V"]:
+    """Minus the distance from midway between the neighbours, in shares of the size; half the way from a single one."""
+    here = fit.vertices_crop[t].astype(np.float64)
+    ways = [_carried(crops, fit, int(other), t) - here for other in beside if other >= 0 and fit.state[other] != "lost"]
+    if not ways:
+        return np.zeros(len(here))
+    return np.asarray(-np.linalg.norm(sum(ways, np.zeros_like(here)), axis=1) / 2 / size_in(witness, here))
+
+
+def _carried(crops: Crops, fit: Fit, other: int, t: int) -> Float[np.ndarray, "V 2"]:
+    """Bring another frame's vertices to crop t, standing still in the video or in the crop, whichever moves less."""
+    between = affine.compose(affine.invert(crops.video_from_crop[t]), crops.video_from_crop[other])
+    vertices = fit.vertices_crop[other].astype(np.float64)
+    here = fit.vertices_crop[t]
+    ways = (affine.apply(between, vertices), vertices)
+    return min(ways, key=lambda way: float(np.abs(way - here).mean()))
+
+
+def _states(puppet: Puppet, fit: Fit, confidence: Float[np.ndarray, "T V"]) -> tuple[FitState, ...]:
+    layers = puppet.layer_of_vertex
+    counts = np.bincount(layers, minlength=puppet.num_layers)
+    large = np.flatnonzero(counts >= LEAST_PART * len(layers))
+    means = np.stack([confidence[:, layers == layer].mean(1) for layer in large], 1)
+    is_doubtful: list[bool] = (means < DOUBTFUL).any(1).tolist()
+    return tuple(
+        "doubtful" if doubtful and state != "lost" else state
+        for state, doubtful in zip(fit.state, is_doubtful, strict=True)
+    )

@@ -12,7 +12,6 @@ from jaxtyping import Float, Int, UInt8
 from torch import Tensor
 
 from wildpuppet.fit import curvature
-from wildpuppet.fit.confidence import confidence_of
 from wildpuppet.fit.descent import Problem, descend, energies, make_problem
 from wildpuppet.fit.pins import Pins, pinned_vertices, pins_of
 from wildpuppet.fit.target import target_at
@@ -24,8 +23,6 @@ from wildpuppet.types import Crops, Fit, FitState, Keyframe, Poses, Puppet
 
 BATCH = 8
 """Frames solved together; a bound on memory."""
-DOUBTFUL = 0.45
-"""Mean confidence of the vertices under which a frame is called doubtful."""
 STEADY = 0.97
 """A held frame leaves its place for an energy lower than this share only: a hold must not tremble."""
 
@@ -42,6 +39,7 @@ def fit(
     """Fit the frames ``crops.frames[frames]``; the slice must not split a held drawing (see ``spans_of``).
 
     What ``keyframes`` fix stays where it is in their frames; the other frames of their drawings follow them.
+    Confidence is not known yet (``fit/confidence.py``): 1, and 0 in frames without the character.
     """
     torch.set_num_threads(1)  # the kernels have threads of their own; torch's slow small work down on a busy machine
     index = np.arange(*frames.indices(len(crops.frames)))
@@ -52,7 +50,7 @@ def fit(
     for i, keyframe in fixed.items():
         crop_from_video = affine.invert(crops.video_from_crop[index[i]])
         vertices[i] = pinned_vertices(puppet, keyframe, crop_from_video, vertices[i])
-    results: dict[int, tuple[Float[np.ndarray, "V 2"], Float[np.ndarray, "V"], dict[str, float]]] = {}
+    results: dict[int, tuple[Float[np.ndarray, "V 2"], dict[str, float]]] = {}
     done = 0
     for held in (False, True):
         chosen = np.flatnonzero(is_first != held)
@@ -67,18 +65,15 @@ def fit(
             done += len(part)
             machine.progress(done, len(index))
     ordered = [results[i] for i in range(len(index))]
-    confidence = np.stack([trust for _, trust, _ in ordered]).astype(np.float32)
+    confidence = np.ones((len(index), len(puppet.vertices)), np.float32)
     confidence[[crops.state[i] == "lost" for i in index]] = 0.0
     return Fit(
         crops.frames[index],
-        np.stack([vertices for vertices, _, _ in ordered]).astype(np.float32),
+        np.stack([vertices for vertices, _ in ordered]).astype(np.float32),
         poses.order[index],
         confidence,
-        tuple(
-            _state(crops, int(i), bool(leads), float(trust))
-            for i, leads, trust in zip(index, is_first, confidence.mean(1), strict=True)
-        ),
-        {name: np.array([terms[name] for _, _, terms in ordered]) for name in ordered[0][2]},
+        tuple(_state(crops, int(i), bool(leads)) for i, leads in zip(index, is_first, strict=True)),
+        {name: np.array([terms[name] for _, terms in ordered]) for name in ordered[0][1]},
     )
 
 
@@ -104,11 +99,9 @@ def join(parts: list[Fit]) -> Fit:
     )
 
 
-def _state(crops: Crops, index: int, is_first: bool, confidence: float) -> FitState:
+def _state(crops: Crops, index: int, is_first: bool) -> FitState:
     if crops.state[index] == "lost":
         return "lost"
-    if confidence < DOUBTFUL:
-        return "doubtful"
     return "fitted" if is_first else "held"
 
 
@@ -147,7 +140,7 @@ def _solve(
     settings: FitSettings,
     held: bool,
     pins: Pins | None,
-) -> list[tuple[Float[np.ndarray, "V 2"], Float[np.ndarray, "V"], dict[str, float]]]:
+) -> list[tuple[Float[np.ndarray, "V 2"], dict[str, float]]]:
     images = _images(crops, index)
     current = torch.from_numpy(vertices)
     groups = np.zeros_like(puppet.layer_of_vertex) if held else puppet.layer_of_vertex
@@ -164,11 +157,7 @@ def _solve(
     if held:
         current = _steady(problem, torch.from_numpy(vertices), current)
     _, _, terms = energies(problem, current * problem.target.level)
-    confidence = confidence_of(problem, current * problem.target.level)
-    return [
-        (current[b].numpy(), confidence[b], {name: float(value[b]) for name, value in terms.items()})
-        for b in range(len(index))
-    ]
+    return [(current[b].numpy(), {name: float(value[b]) for name, value in terms.items()}) for b in range(len(index))]
 
 
 def _steady(problem: Problem, start: Float[Tensor, "B V 2"], found: Float[Tensor, "B V 2"]) -> Float[Tensor, "B V 2"]:
