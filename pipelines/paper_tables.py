@@ -6,7 +6,7 @@ again as long as the set's files, the settings and the versions of the stages st
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ from jaxtyping import Float, Int, UInt8
 
 from wildpuppet.errors import WildPuppetError
 from wildpuppet.machine import Machine
-from wildpuppet.settings import Settings
+from wildpuppet.settings import RefineSettings, Settings
 from wildpuppet.stages import STAGES
 from wildpuppet.store import digest_of
 
@@ -42,12 +42,18 @@ class Effort:
     """How long things are trained; none of it is a setting of a stage."""
 
     autoencoder_steps: int = 1000
-    paper: Mapping[str, Mapping[str, int]] | None = None
+    paper: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     """Changes of the paper preset."""
+    refine: Mapping[str, int] = field(default_factory=dict)
+    """Changes of the refinement's settings."""
 
 
 FULL = Effort()
-QUICK = Effort(autoencoder_steps=100, paper={"train": {"iterations": 40, "batch": 4}})
+QUICK = Effort(
+    autoencoder_steps=40,
+    paper={"train": {"iterations": 10, "batch": 4}},
+    refine={"iterations": 20, "critic_steps": 1, "width": 8},
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,9 +126,22 @@ def ours_settings(work: SetWork) -> Settings:
 
 
 def paper_settings(work: SetWork, seed: int = 0) -> Settings:
-    """Give the paper preset's settings with a seed."""
-    settings = merged(read_preset("paper"), work.effort.paper or {})
-    return merged(settings, {"train": {"seed": seed}, "fit": {"seed": seed}, "out": {"preview": False}})
+    """Give the paper preset's search, fit and training with a seed; crops and puppet are those of our own run."""
+    preset = read_preset("paper")
+    settings = msgspec.structs.replace(
+        work.options.settings, search=preset.search, fit=preset.fit, train=preset.train
+    )
+    return merged(merged(settings, work.effort.paper), {"train": {"seed": seed}, "out": {"preview": False}})
+
+
+def refine_settings(work: SetWork, seed: int = 0) -> RefineSettings:
+    """Give our refinement's settings with a seed."""
+    return msgspec.structs.replace(RefineSettings(), **{**work.effort.refine, "seed": seed})
+
+
+def paper_refine_settings(work: SetWork, seed: int = 0) -> RefineSettings:
+    """Give the paper's refinement: the rendered puppet alone goes in, the losses are as printed."""
+    return msgspec.structs.replace(refine_settings(work, seed), method="network", squared=0.0)
 
 
 def _reference(work: SetWork, seed: int) -> "Answer":
@@ -185,6 +204,36 @@ def _ours_named(work: SetWork, seed: int) -> "Answer":
     return replace(answer, pictures=None)
 
 
+def _paper_refined(work: SetWork, seed: int) -> "Answer":
+    run = work.ran(f"paper-{seed}", paper_settings(work, seed))
+    return _refined(work, run, f"paper-{seed}", paper_refine_settings(work, seed))
+
+
+def _ours_dressed(work: SetWork, seed: int) -> "Answer":
+    return _refined(work, work.ran("ours", ours_settings(work)), "texture", RefineSettings(method="texture"))
+
+
+def _ours_refined(work: SetWork, seed: int) -> "Answer":
+    return _refined(work, work.ran("ours", ours_settings(work)), f"ours-{seed}", refine_settings(work, seed))
+
+
+def _refined(work: SetWork, run: "Run", name: str, settings: RefineSettings) -> "Answer":
+    """Learn the look of the other drawings, then draw the test drawings' poses with it."""
+    from wildpuppet.refine.refiner import refine_pictures
+    from wildpuppet.refiners import refiner_of_run
+    from wildpuppet.tables.answer import Answer
+    from wildpuppet.tables.error import on_white
+
+    machine = Machine(work.options.device, progress=lambda done, total: work.reporter.update(done / max(total, 1)))
+    work.reporter.begin("refine")
+    folder = work.out / "refiners" / f"{work.case.name}-{name}"
+    refiner = refiner_of_run(run, settings, machine, work.test.tolist(), folder)
+    work.reporter.end("refine", False)
+    poses, order = run.fit.vertices_crop[work.test], run.fit.order[work.test]
+    found = refine_pictures(refiner, poses, order, run.size, run.crops.video_from_crop[work.test])
+    return Answer(tuple(on_white(picture) for picture in found))
+
+
 def _of_run(work: SetWork, run: "Run", layers: "np.ndarray | None") -> "Answer":
     from wildpuppet.export.draw import Painter
     from wildpuppet.export.source import over_white
@@ -204,6 +253,12 @@ def _of_stages(settings: Callable[[SetWork], Settings]) -> Callable[[SetWork], o
     return depends
 
 
+def _of_refinement(
+    settings: Callable[[SetWork], Settings], refine: Callable[[SetWork], RefineSettings]
+) -> Callable[[SetWork], object]:
+    return lambda work: [_of_stages(settings)(work), msgspec.to_builtins(refine(work))]
+
+
 def _on_nothing(work: SetWork) -> object:
     return None
 
@@ -214,7 +269,10 @@ METHODS = (
     Method("flow warp of nearest", _flow_of_nearest, _on_nothing),
     Method("auto-encoder", _autoencoder, lambda work: work.effort.autoencoder_steps, is_random=True),
     Method("paper", _paper, _of_stages(paper_settings), is_random=True),
+    Method("paper, refined", _paper_refined, _of_refinement(paper_settings, paper_refine_settings), is_random=True),
     Method("ours", _ours, _of_stages(ours_settings)),
+    Method("ours, texture of nearest", _ours_dressed, _of_stages(ours_settings)),
+    Method("ours, refined", _ours_refined, _of_refinement(ours_settings, refine_settings), is_random=True),
     Method("ours, parts named", _ours_named, _of_stages(ours_settings)),
 )
 

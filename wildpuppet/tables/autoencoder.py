@@ -73,11 +73,12 @@ class DeformingAutoEncoder(nn.Module):
         """Draw weights with He's variance; biases, and what leads to warps, start at 0."""
         with torch.no_grad():
             for name, values in self.named_parameters():
-                if name.endswith("bias") or name.startswith(("to_affine", "warp.last")):
+                if name == "texture.last.bias":
+                    values.fill_(PAPER)
+                elif name.endswith("bias") or name.startswith(("to_affine", "warp.last")):
                     values.zero_()
                 else:
                     values.normal_(0.0, (2.0 / values[0].numel()) ** 0.5, generator=generator)
-            self.texture.last.bias.fill_(PAPER)
 
 
 class _Decoder(nn.Module):

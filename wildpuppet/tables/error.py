@@ -43,6 +43,12 @@ def squared(drawing: Picture, found: Picture) -> Float32[np.ndarray, "H W 3"]:
     return np.asarray((drawing.astype(np.float32) - found.astype(np.float32)) ** 2)
 
 
+def on_white(premultiplied: Float32[np.ndarray, "H W 4"]) -> Picture:
+    """Lay a premultiplied picture, 0..1, over white paper."""
+    laid = premultiplied[..., :3] + (1.0 - premultiplied[..., 3:])
+    return np.asarray(np.rint(np.clip(laid, 0.0, 1.0) * PEAK), np.uint8)
+
+
 def decibels(error: float) -> float:
     """Turn a mean squared error into the peak signal-to-noise ratio; infinite where there is no error."""
     return float("inf") if error <= 0.0 else float(10.0 * np.log10(PEAK**2 / error))
