@@ -9,7 +9,7 @@ the rate. Both heads start at zero: an untrained network answers the rest pose.
 Coordinates are unit coordinates: [-1, 1] along the crop's larger side, as ``wildpuppet.fit.energy.to_unit`` maps them.
 """
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float, UInt8
@@ -23,6 +23,7 @@ ENCODER = (1024, 1024)
 DECODER = (1024, 2048)
 
 
+@runtime_checkable
 class Network(Protocol):
     """What both recipes' networks (torch modules) can do; unit coordinates."""
 
