@@ -22,8 +22,8 @@ from wildpuppet.geometry.arap import arap_rest
 from wildpuppet.motion.bones import BoneTree, bones_of, turns_of, unwound, wrapped
 
 JOINT_WEIGHT = 100.0
-"""Weight of a joint's spring, in units of a triangle's mean area."""
-HOLD = 1e-6
+"""Weight of a joint's spring, where a mesh edge weighs about 1 (the equation is the cotangent Laplacian)."""
+HOLD = 1e-9
 """Pull of every vertex towards where linear motion has it, in the same units: it decides only what is open."""
 
 
@@ -40,7 +40,6 @@ class AsRigid:
     joints: sparse.csr_array
     from_gradient: sparse.csr_array
     from_joints: sparse.csr_array
-    hold: float
     solve: Callable[[Float[np.ndarray, "V 2"]], Float[np.ndarray, "V 2"]]
 
 
@@ -48,13 +47,13 @@ def as_rigid_of(tree: BoneTree) -> AsRigid:
     """Prepare a puppet."""
     puppet = tree.puppet
     rest = arap_rest(puppet.vertices.astype(np.float64), puppet.triangles)
-    count, unit = len(puppet.vertices), float(rest.areas.mean())
+    count = len(puppet.vertices)
     gradient, joints = _gradient_rows(rest.inverses, puppet.triangles, count), _joint_rows(tree)
     from_gradient = sparse.csr_array(gradient.T @ sparse.diags_array(np.repeat(rest.areas, 2)))
-    from_joints = sparse.csr_array(JOINT_WEIGHT * unit * joints.T)
-    normal = from_gradient @ gradient + from_joints @ joints + HOLD * unit * sparse.eye_array(count)
+    from_joints = sparse.csr_array(JOINT_WEIGHT * joints.T)
+    normal = from_gradient @ gradient + from_joints @ joints + HOLD * sparse.eye_array(count)
     solve = splu(sparse.csc_array(normal)).solve
-    return AsRigid(tree, gradient, joints, from_gradient, from_joints, HOLD * unit, solve)
+    return AsRigid(tree, gradient, joints, from_gradient, from_joints, solve)
 
 
 def as_rigid_between(
@@ -73,7 +72,7 @@ def as_rigid_between(
         wanted = turn @ ((1.0 - share) * stretches[0] + share * stretches[1])
         rows = np.swapaxes(wanted, -1, -2).reshape(-1, 2)
         gaps = equation.joints @ linear
-        right = equation.from_gradient @ rows + equation.from_joints @ gaps + equation.hold * linear
+        right = equation.from_gradient @ rows + equation.from_joints @ gaps + HOLD * linear
         places.append(equation.solve(right))
     return np.stack(places) if places else np.zeros((0, *first.shape))
 

@@ -120,24 +120,25 @@ def strengths_of(
         cases = [cases[k] for k in np.linspace(0, len(cases) - 1, MOST_CASES).round().astype(int)]
     missed: dict[str, list[np.ndarray]] = {kind: [] for kind in KINDS}
     bulges: dict[str, list[np.ndarray]] = {kind: [] for kind in KINDS}
+    poses = bones_of(tree, drawings.vertices) if cases else None
     for start, middle in cases:
-        _learn(tree, drawings, [start - 1, start, start + apart, start + apart + 1, middle], missed, bulges)
+        assert poses is not None
+        rows = [start - 1, start, start + apart, start + apart + 1, middle]
+        _learn(poses[rows], drawings.times[rows], missed, bulges)
     prior = PRIOR if drawings.is_ordered else 0.0
     return {kind: _strength(missed[kind], bulges[kind], prior) for kind in KINDS}
 
 
 def _learn(
-    tree: BoneTree,
-    drawings: Drawings,
-    rows: list[int],
+    found: Bones,
+    instants: Float[np.ndarray, "5"],
     missed: dict[str, list[np.ndarray]],
     bulges: dict[str, list[np.ndarray]],
 ) -> None:
-    """Add one case: what the chord misses of the drawing in the middle, and the curve's bulge there."""
-    found = bones_of(tree, drawings.vertices[rows])
+    """Add one case, four keys and the drawing between: what the chord misses of it, and the curve's bulge there."""
     keys, target = unwound(found[:4]), found[4:]
-    times = Times(*drawings.times[rows[:4]].tolist())
-    share = (float(drawings.times[rows[4]]) - times.first) / (times.last - times.first)
+    times = Times(*instants[:4].tolist())
+    share = (float(instants[4]) - times.first) / (times.last - times.first)
     for kind in KINDS:
         a, b, c, d = getattr(keys, kind)
         away = getattr(target, kind)[0] - chord(b, c, share)

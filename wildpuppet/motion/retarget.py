@@ -72,7 +72,8 @@ def retarget(
     size = height * _tall(mover.vertices) / _tall(follower.vertices)
     bones = _carried(source, target, motion, match, size)
     placed = posed(target, bones)
-    return np.asarray(placed + _grounded(vertices, placed, shots, height))
+    shift = _grounded(vertices[..., 1].max(1), placed[..., 1].max(1), bones.places, shots, height)
+    return np.asarray(placed + shift[:, None])
 
 
 def _carried(source: BoneTree, target: BoneTree, motion: Bones, match: Match, size: float) -> Bones:
@@ -105,20 +106,21 @@ def _middles(tree: BoneTree, motion: Bones, layer: int) -> Float[np.ndarray, "T 
 
 
 def _grounded(
-    mover: Float[np.ndarray, "T V 2"],
-    follower: Float[np.ndarray, "T W 2"],
+    theirs: Float[np.ndarray, "T"],
+    mine: Float[np.ndarray, "T"],
+    places: Float[np.ndarray, "T 2"],
     shots: Int[np.ndarray, "T"],
     height: float,
-) -> Float[np.ndarray, "T 1 2"]:
-    """Shift each shot as a whole so that both stand on one ground, and scale the root's way by ``height``."""
-    shift = np.zeros((len(mover), 1, 2))
-    middle = mover.mean(1)
+) -> Float[np.ndarray, "T 2"]:
+    """Scale the root's way by ``height``, and shift each shot as a whole so that both stand on one ground.
+
+    ``theirs`` and ``mine`` are how low each of the two reaches, ``places`` where the root is.
+    """
+    shift = np.zeros((len(places), 2))
     for shot in np.unique(shots):
         rows = shots == shot
-        way = middle[rows] - np.median(middle[rows], axis=0)
-        shift[rows, 0] = (height - 1.0) * way
-        lowest = mover[rows, :, 1].max(1) - (follower[rows, :, 1] + shift[rows, 0, 1:]).max(1)
-        shift[rows, 0, 1] += np.median(lowest)
+        shift[rows] = (height - 1.0) * (places[rows] - np.median(places[rows], axis=0))
+        shift[rows, 1] += np.median(theirs[rows] - mine[rows] - shift[rows, 1])
     return shift
 
 
