@@ -4,12 +4,13 @@ run = wildpuppet.run("clip.mp4", (285, 125, 275, 318), at=150, puppet="puppet")
 tracks = wildpuppet.open_run("out/clip").carry([[400.0, 200.0]], frame=150)
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wildpuppet import finish
 from wildpuppet.correspond.carry import carry
 from wildpuppet.correspond.flow import DenseFlow, flow
 from wildpuppet.deform.model import Model
@@ -17,14 +18,17 @@ from wildpuppet.errors import InputError
 from wildpuppet.export.export import export
 from wildpuppet.export.formats import formats_of
 from wildpuppet.export.options import Options
-from wildpuppet.machine import Progress, silent
+from wildpuppet.machine import Machine, Progress, silent
 from wildpuppet.motion.inbetween import Method
 from wildpuppet.paint.of_run import paint_run
 from wildpuppet.paint.paint import Over
 from wildpuppet.paint.template import write_template
+from wildpuppet.refine.refiner import Refiner
+from wildpuppet.refiners import refiner_of_run
 from wildpuppet.remake.inbetween import SIZE, Inbetweens, inbetweens_of_run
 from wildpuppet.remake.retarget import Retargeted, retargeted_run
 from wildpuppet.runs import RunFolder
+from wildpuppet.settings import RefineSettings
 from wildpuppet.types import PointTracks
 
 
@@ -103,6 +107,32 @@ class Run(RunFolder):
         part has a namesake.
         """
         return retargeted_run(self, Path(to), height, match)
+
+    def refine(
+        self,
+        out: str | Path | None = None,
+        over: finish.Over = "none",
+        hold_out: Collection[int] = (),
+        settings: RefineSettings | None = None,
+        refiner: Refiner | None = None,
+        source: str | Path | None = None,
+        machine: Machine | None = None,
+    ) -> Refiner:
+        """Learn how the drawings look beside the rendered puppet; with ``out``, keep it and draw every frame with it.
+
+        ``hold_out`` are frames that nothing is learnt from. A ``refiner`` that is given
+        (``wildpuppet.refiners.load_refiner``) is used as it is. ``over`` is "none", "plate" or "white".
+        """
+        place, machine = None if source is None else Path(source), machine or Machine()
+        folder = None if out is None else Path(out)
+        if folder is not None:
+            finish.check_finish_out(folder)
+        if refiner is None:
+            kept = None if folder is None else folder / finish.REFINER
+            refiner = refiner_of_run(self, settings or RefineSettings(), machine, hold_out, kept, place)
+        if folder is not None:
+            finish.finish_run(self, refiner, folder, over, place, machine.progress)
+        return refiner
 
 
 def open_run(path: str | Path) -> Run:

@@ -8,7 +8,7 @@ checkpoint to exactly the weights that an unbroken one reaches.
 
 import hashlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +27,8 @@ from wildpuppet.refine.lesson import Batch, Pair, batch_of
 from wildpuppet.refine.network import Critic, Generator
 from wildpuppet.settings import RefineSettings
 
+Tell = Callable[[int, int, Mapping[str, float]], None]
+"""Called after a step as ``tell(done, total, losses)``."""
 COLUMNS = ("absolute", "squared", "adversarial", "critic", "slope", "validation")
 CHECKPOINT_SECONDS = 20.0
 CHECKS = 10
@@ -60,6 +62,10 @@ def split(count: int) -> tuple[list[int], list[int]]:
     return [index for index in range(count) if index not in kept], sorted(kept)
 
 
+def quiet(done: int, total: int, losses: Mapping[str, float]) -> None:
+    """Tell nobody."""
+
+
 def new_generator(settings: RefineSettings) -> Generator:
     """Build the generator at its start."""
     random = torch.Generator().manual_seed(settings.seed)
@@ -72,6 +78,7 @@ def learn(
     settings: RefineSettings,
     machine: Machine,
     checkpoint: Path | None = None,
+    tell: Tell = quiet,
 ) -> Learnt:
     """Train; a checkpoint that is there is gone on from.
 
@@ -79,7 +86,7 @@ def learn(
     """
     with one_thread():
         training = _Training(pairs, validation, settings, device_of(machine))
-        losses = training.run(machine, checkpoint)
+        losses = training.run(machine, checkpoint, tell)
         chosen = training.networks["best"] if validation else training.networks["average"]
         assert isinstance(chosen, Generator)
         chosen = chosen.cpu().eval()
@@ -101,7 +108,7 @@ class _Training:
         self.optimizer = torch.optim.Adam(learning, lr=settings.learning_rate, betas=(0.0, 0.9))
         self.base = BASE[settings.method]
 
-    def run(self, machine: Machine, checkpoint: Path | None) -> Float[Tensor, "S K"]:
+    def run(self, machine: Machine, checkpoint: Path | None, tell: Tell) -> Float[Tensor, "S K"]:
         """Take the steps that are left."""
         total, identity = self.settings.iterations, self._identity()
         found = load_checkpoint(checkpoint, self.networks, self.optimizer, identity) if checkpoint else None
@@ -116,7 +123,14 @@ class _Training:
                 )
                 saved = time.monotonic()
             machine.progress(step + 1, total)
+            tell(step + 1, total, self._in_words(progress.losses[: step + 1]))
         return progress.losses
+
+    def _in_words(self, losses: Float[Tensor, "s K"]) -> dict[str, float]:
+        """Say what is worth telling: the latest of each loss."""
+        latest = {name: float(losses[-1, column]) for column, name in enumerate(COLUMNS[:-1])}
+        looks = losses[losses[:, -1] > 0.0, -1]
+        return latest | ({"validation": float(looks[-1])} if len(looks) else {})
 
     def _step(self, step: int, losses: Float[Tensor, "S K"]) -> Float[Tensor, "K"]:
         """Teach the critic, then the generator; give the step's losses."""

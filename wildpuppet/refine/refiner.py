@@ -22,7 +22,7 @@ from wildpuppet.machine import Machine
 from wildpuppet.refine.examples import Examples, examples_of, usable_frames
 from wildpuppet.refine.figure import Figure, scale_of
 from wildpuppet.refine.inputs import BASE, look_for
-from wildpuppet.refine.learn import corrected, correction_of, learn, split
+from wildpuppet.refine.learn import Tell, corrected, correction_of, learn, quiet, split
 from wildpuppet.refine.lesson import pairs_of
 from wildpuppet.refine.network import Generator
 from wildpuppet.refine.texture import Reach, Wardrobe, Weights, choose_weights
@@ -98,6 +98,32 @@ class Refiner:
             raise ValueError("vertices must be finite numbers")
 
 
+class Finisher:
+    """Draws refined poses in pictures of one size; a pose that is asked for again is not refined again.
+
+    ``enlarged`` is picture pixels per crop pixel, as they mostly are: it chooses the texture's level.
+    """
+
+    def __init__(self, refiner: Refiner, size: tuple[int, int], enlarged: float = 1.0) -> None:
+        self.refiner, self.size = refiner, size
+        self._figure = Figure(refiner.puppet, size, enlarged * scale_of(refiner.puppet, refiner.examples.vertices))
+        self._latest: tuple[bytes, Refined] | None = None
+
+    def picture(
+        self,
+        vertices_crop: Float[np.ndarray, "V 2"],
+        order: Int[np.ndarray, "L"],
+        picture_from_crop: Float[np.ndarray, "2 3"],
+    ) -> Float32[np.ndarray, "H W 4"]:
+        """Draw one pose, crop pixels; premultiplied RGBA, 0..1."""
+        vertices = np.array(vertices_crop, np.float64)
+        name = vertices.tobytes() + np.array(order, np.int64).tobytes()
+        if self._latest is None or self._latest[0] != name:
+            self._latest = name, self.refiner.refine(vertices, order)
+        rendered = self._figure.draw(affine.apply(picture_from_crop, vertices), order).rgba
+        return corrected(rendered, placed(self._latest[1], picture_from_crop, self.size))
+
+
 def refine_pictures(
     refiner: Refiner,
     vertices_crop: Float[np.ndarray, "N V 2"],
@@ -107,23 +133,22 @@ def refine_pictures(
 ) -> Iterator[Float32[np.ndarray, "H W 4"]]:
     """Draw poses as they would have been drawn: premultiplied RGBA, 0..1, one after the other.
 
-    ``vertices_crop`` are crop pixels of the run that the refiner learnt from. ``size`` (W, H) and ``picture_from_crop``
-    place the crop in the picture; left out, the picture is the crop. ``export.draw.straight`` makes 8 bits of them.
-    Raises InputError for vertices of another puppet.
+    ``vertices_crop`` are crop pixels of the run that the refiner learnt from: their scale counts, their place does not.
+    ``size`` (W, H) and ``picture_from_crop`` place the crop in the picture; left out, the picture is the crop.
+    ``export.draw.straight`` makes 8 bits of them. Raises InputError for vertices of another puppet.
     """
     if (size is None) != (picture_from_crop is None):
         raise ValueError("expected both a size and a map from crop to picture, or neither")
-    width, height = size or refiner.examples.size
-    maps = np.repeat(np.eye(2, 3)[None], len(order), 0) if picture_from_crop is None else picture_from_crop
-    figures: dict[float, Figure] = {}
-    for vertices, layers, to_picture in zip(vertices_crop.astype(np.float64), order, maps, strict=True):
-        refined = refiner.refine(vertices, layers)
-        enlarged = float(np.sqrt(abs(np.linalg.det(to_picture[:, :2]))))
-        if enlarged not in figures:
-            scale = enlarged * scale_of(refiner.puppet, refiner.examples.vertices)
-            figures[enlarged] = Figure(refiner.puppet, (width, height), scale)
-        rendered = figures[enlarged].draw(affine.apply(to_picture, vertices), layers).rgba
-        yield corrected(rendered, placed(refined, to_picture, (width, height)))
+    whole = np.repeat(np.eye(2, 3)[None], len(order), 0)
+    maps = whole if picture_from_crop is None else picture_from_crop
+    finisher = Finisher(refiner, size or refiner.examples.size, enlargement(maps))
+    for vertices, layers, to_picture in zip(vertices_crop, order, maps, strict=True):
+        yield finisher.picture(vertices, layers, to_picture)
+
+
+def enlargement(maps: Float[np.ndarray, "N 2 3"]) -> float:
+    """Give the middle scale of maps; 1 where there are none."""
+    return float(np.median(np.sqrt(np.abs(np.linalg.det(maps[:, :, :2]))))) if len(maps) else 1.0
 
 
 def placed(
@@ -163,6 +188,7 @@ def refiner_of(
     machine: Machine,
     hold_out: Collection[int] = (),
     checkpoint: Path | None = None,
+    tell: Tell = quiet,
 ) -> Refiner:
     """Learn the look of a run's drawings, all but those of the frames ``hold_out``.
 
@@ -180,7 +206,6 @@ def refiner_of(
         return Refiner(puppet, examples, settings, weights, hold_out=held_out)
     trained, validation = split(len(examples))
     pairs = pairs_of(wardrobe, weights, settings.method, range(len(examples)))
-    found = learn(
-        [pairs[index] for index in trained], [pairs[index] for index in validation], settings, machine, checkpoint
-    )
+    seen, kept = ([pairs[index] for index in indices] for indices in (trained, validation))
+    found = learn(seen, kept, settings, machine, checkpoint, tell)
     return Refiner(puppet, examples, settings, weights, found.generator, found.share, held_out, found.losses)

@@ -24,14 +24,14 @@ SLACK = 1
 
 
 class Sites(NamedTuple):
-    """Pixels on and beside the puppet: place in the picture, corners and weights, layer; ``beside``: not on it."""
+    """Pixels on and beside the puppet: place in the picture, corners and weights, layer; ``beside``: how far off it."""
 
     rows: Int[np.ndarray, "n"]
     columns: Int[np.ndarray, "n"]
     corners: Int[np.ndarray, "n 3"]
     weights: Float[np.ndarray, "n 3"]
     layer: Int[np.ndarray, "n"]
-    beside: Bool[np.ndarray, "n"]
+    beside: Float[np.ndarray, "n"]
 
 
 def sites_of(puppet: Puppet, vertices: Float[np.ndarray, "V 2"], drawn: Drawn, reach: float) -> Sites:
@@ -39,7 +39,7 @@ def sites_of(puppet: Puppet, vertices: Float[np.ndarray, "V 2"], drawn: Drawn, r
     empty = drawn.triangle < 0
     if empty.all():
         none = np.zeros(0, np.int64)
-        return Sites(none, none, np.zeros((0, 3), np.int64), np.zeros((0, 3)), none, np.zeros(0, bool))
+        return Sites(none, none, np.zeros((0, 3), np.int64), np.zeros((0, 3)), none, np.zeros(0))
     away, label = cv2.distanceTransformWithLabels(
         empty.astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -51,7 +51,7 @@ def sites_of(puppet: Puppet, vertices: Float[np.ndarray, "V 2"], drawn: Drawn, r
     centres = np.stack([columns, rows], 1) + 0.5
     weights = _mix(vertices[corners].astype(np.float64), centres)
     layer = puppet.layer_of_triangle[triangle].astype(np.int64)
-    return Sites(rows, columns, corners, weights, layer, empty[rows, columns])
+    return Sites(rows, columns, corners, weights, layer, away[rows, columns].astype(np.float64))
 
 
 def _mix(corners: Float[np.ndarray, "n 3 2"], points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
@@ -80,7 +80,7 @@ def carried(
     column, row = (np.floor(near[:, axis]).astype(np.int64) for axis in range(2))
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     bits = seen[row.clip(0, height - 1), column.clip(0, width - 1)]
-    wanted = np.where(sites.beside, np.int64(1), _bit(sites.layer))
+    wanted = np.where(sites.beside > 0.0, np.int64(1), _bit(sites.layer))
     return _sampled(picture, near), inside & ((bits & wanted) != 0)
 
 

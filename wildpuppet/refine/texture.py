@@ -6,7 +6,8 @@ them as a drawing that is always there:
     colour = (prior * rendered + sum_n w_n c_n) / (prior + sum_n w_n),   w_n = seen_n exp(-d_n^2 / (2 width^2))
 
 with d_n the distance of the poses at that part (``nearness.py``). Where no near drawing has seen the site the rendered
-puppet stays. ``outlier`` takes weight from colours far from the others. Width, prior and outlier are chosen by leaving
+puppet stays. ``outlier`` takes weight from colours far from the others. Beside the puppet the drawings count the less
+the farther, and there they must agree, or shreds of each would float around it. The weights are chosen by leaving
 drawings out one by one and predicting them from the rest.
 """
 
@@ -29,17 +30,24 @@ from wildpuppet.types import Puppet
 WIDTHS = (0.01, 0.03, 0.06, 0.12, 0.3)
 PRIORS = (0.003, 0.03, 0.1, 0.3, 1.0)
 OUTLIERS = (0.0, 0.25)
+BESIDES = (0.0, 0.25, 0.5, 1.0)
+AGREE = 0.1
+"""``outlier`` beside the puppet, at most."""
 LEFT_OUT = 12
 """Drawings that are predicted from the rest to choose the weights, evenly spread."""
 ROUNDS = 2
 
 
 class Weights(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How drawings are averaged. ``outlier``: distance of colours (0..1) that halves a weight; 0: none loses any."""
+    """How drawings are averaged. ``outlier``: distance of colours (0..1) that halves a weight; 0: none loses any.
+
+    ``beside``: how far beyond the puppet they count, as a share of the reach in which they are looked up.
+    """
 
     width: float = 0.06
     prior: float = 0.3
     outlier: float = 0.0
+    beside: float = 1.0
 
 
 class Found(NamedTuple):
@@ -50,6 +58,7 @@ class Found(NamedTuple):
     colours: Float32[np.ndarray, "k n 4"]
     seen: Bool[np.ndarray, "k n"]
     away: Float[np.ndarray, "k n"]
+    reach: float
 
     @property
     def rendered(self) -> Float32[np.ndarray, "n 4"]:
@@ -96,7 +105,8 @@ class Wardrobe:
     ) -> Found:
         """Look a pose up, in all drawings but those that show drawing ``without``; ``size`` of the picture made."""
         drawn = self.figure.draw(vertices, order, size)
-        sites = sites_of(self._puppet, vertices, drawn, self._reach.beside * _side(vertices))
+        reach = self._reach.beside * _side(vertices)
+        sites = sites_of(self._puppet, vertices, drawn, reach)
         away = self._nearness.distances(vertices)
         if without is not None:
             away[self.examples.drawing == without] = np.inf
@@ -111,7 +121,7 @@ class Wardrobe:
             here = (nearest == index) & np.isfinite(distance)
             rank, site = np.nonzero(here)
             colours[rank, site], seen[rank, site] = found[site], shown[site]
-        return Found(sites, drawn, colours, seen, distance)
+        return Found(sites, drawn, colours, seen, distance, reach)
 
 
 def _side(vertices: Float[np.ndarray, "V 2"]) -> float:
@@ -120,16 +130,19 @@ def _side(vertices: Float[np.ndarray, "V 2"]) -> float:
 
 def averaged(found: Found, weights: Weights) -> tuple[Float32[np.ndarray, "n 4"], Float32[np.ndarray, "k n"]]:
     """Average the colours at the sites; give the drawings' weights too."""
-    rendered = found.rendered
-    weight: np.ndarray = (np.exp(-0.5 * (found.away / weights.width) ** 2) * found.seen).astype(np.float32)
+    rendered, beside = found.rendered, found.sites.beside
+    counted = np.where(beside > 0.0, np.clip(1.0 - beside / max(weights.beside * found.reach, 1e-6), 0.0, 1.0), 1.0)
+    near = np.exp(-0.5 * (found.away / weights.width) ** 2)
+    weight: np.ndarray = (near * found.seen * counted).astype(np.float32)
     prior: np.ndarray = np.full(len(rendered), weights.prior, np.float32)
     result = _mean(found.colours, weight, rendered, prior)
-    if weights.outlier > 0.0:
-        plain, first = weight, prior
-        for _ in range(ROUNDS):
-            weight = plain / (1.0 + _square(found.colours, result) / weights.outlier**2)
-            prior = first / (1.0 + _square(rendered, result) / weights.outlier**2)
-            result = _mean(found.colours, weight, rendered, prior)
+    strict = np.ones(len(rendered), bool) if weights.outlier > 0.0 else beside > 0.0
+    tolerance = np.where(beside > 0.0, AGREE, weights.outlier)[strict].astype(np.float32)
+    for _ in range(ROUNDS):
+        middle, first, own = result[strict], weight[:, strict], prior[strict]
+        first = first / (1.0 + _square(found.colours[:, strict], middle) / tolerance**2)
+        own = own / (1.0 + _square(rendered[strict], middle) / tolerance**2)
+        result[strict] = _mean(found.colours[:, strict], first, rendered[strict], own)
     return result, weight
 
 
@@ -174,15 +187,22 @@ def choose_weights(
     examples = wardrobe.examples
     possible = np.arange(len(examples)) if among is None else np.array(among)
     chosen = possible[np.linspace(0, len(possible) - 1, min(LEFT_OUT, len(possible))).round().astype(int)]
-    tried = [Weights(width, prior, outlier) for width, prior, outlier in product(WIDTHS, PRIORS, OUTLIERS)]
-    errors = np.zeros(len(tried))
+    cases = []
     for done, index in enumerate(chosen.tolist()):
         found = wardrobe.find(examples.vertices[index], examples.order[index], int(examples.drawing[index]))
-        truth = examples.picture(index)
-        errors += [_error(found, truth, weights) for weights in tried]
+        cases.append((found, examples.picture(index)))
         progress(done + 1, len(chosen))
-    best = int(errors.argmin())
-    return tried[best], float(errors[best] / len(chosen))
+    best, error = _best(cases, [Weights(width, prior) for width, prior in product(WIDTHS, PRIORS)])
+    for name, values in (("beside", BESIDES), ("outlier", OUTLIERS)):
+        best, error = _best(cases, [msgspec.structs.replace(best, **{name: value}) for value in values])
+    return best, error
+
+
+def _best(cases: Sequence[tuple[Found, np.ndarray]], tried: Sequence[Weights]) -> tuple[Weights, float]:
+    """Find the weights with the least mean error."""
+    errors = [float(np.mean([_error(found, truth, weights) for found, truth in cases])) for weights in tried]
+    best = int(np.argmin(errors))
+    return tried[best], errors[best]
 
 
 def _error(found: Found, truth: Float32[np.ndarray, "H W 4"], weights: Weights) -> float:
