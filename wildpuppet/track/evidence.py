@@ -65,6 +65,21 @@ class Evidence:
         strips = ((x - by, y, by, h), (x, y - by, w, by), (x + w, y, by, h), (x, y + h, w, by))
         return np.array([self.is_crowd(self.known_in(strip)) for strip in strips])
 
+    def own_strips(self, box: Box, change: Float[np.ndarray, "4"]) -> Bool[np.ndarray, "4"]:
+        """Say where what each side (left, top, right, bottom) would take in, moving by ``change``, is the character's.
+
+        By its colours: what differs from the background there has them.
+        """
+        x, y, w, h = box
+        left, top, right, bottom = (float(step) for step in change)
+        strips = ((x + left, y, -left, h), (x, y + top, w, -top), (x + w, y, right, h), (x, y + h, w, bottom))
+        return np.array([self.is_own(self.known_in(strip)) for strip in strips])
+
+    def is_own(self, strip: Bool[np.ndarray, "a b"]) -> bool:
+        """Say whether what has changed in a strip has the character's colours."""
+        changed = strip & (self.odds > 0)
+        return bool(changed.any() and self.colour[changed].mean() >= CROWD_COLOUR)
+
     def is_crowd(self, strip: Bool[np.ndarray, "a b"]) -> bool:
         """Say whether much of a strip has changed, and not to the character's colours."""
         changed = strip & (self.odds > 0)

@@ -17,6 +17,7 @@ from wildpuppet.track.appearance import Appearance
 from wildpuppet.track.evidence import Evidence, gather
 from wildpuppet.track.extent import measure, piece_boxes, pulled
 from wildpuppet.track.growth import growth_between
+from wildpuppet.track.motion import Motion
 from wildpuppet.track.scene import Region, Scene, region_around
 from wildpuppet.track.search import find
 from wildpuppet.track.trackers import Box, OpenCVTracker
@@ -34,6 +35,8 @@ REACH = 0.3
 LEAST_AWAY = 0.5
 # A side follows its measurement by this share, and by at most this share of the box in one frame.
 GAIN, MOST_CHANGE = 0.8, 0.15
+# All sides together move it by at most this share of its larger side: more is something else that touches it.
+MOST_SHIFT = 0.1
 # Where the character hardly leaves its place, a box grows by at most this factor over its remembered size, which
 # follows slowly.
 MOST_GROWTH, MEMORY_RATE = 1.2, 0.03
@@ -74,6 +77,7 @@ class Follower:
         self.size = np.array(box[2:])
         self.gray: UInt8[np.ndarray, "h w"] | None = None
         self.start(image, box)
+        self.motion = Motion(image, box, self.pad)
 
     def start(self, image: UInt8[np.ndarray, "h w 3"], box: Box) -> None:
         """Start a fresh tracker on a box."""
@@ -93,15 +97,20 @@ class Follower:
         _, found = self.tracker.update(image)
         tracked = (float(found[0]), float(found[1]), float(found[2]), float(found[3]))
         grown = self.growth(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), index)
-        predicted = carried(self.box, self.tracked, tracked, grown)
-        self.tracked = tracked
+        carried_on = carried(self.box, self.tracked, tracked, grown)
+        dx, dy = (float(step) for step in self.motion.correction(image, carried_on))
+        predicted = (carried_on[0] + dx, carried_on[1] + dy, carried_on[2], carried_on[3])
+        if dx or dy:
+            self.disagreements = PATIENCE
+        self.tracked = tracked[0] + dx, tracked[1] + dy, tracked[2], tracked[3]
         evidence = self.evidence(image, index, predicted)
-        box = predicted if evidence is None else self.measured(evidence, index, predicted)
+        box = predicted if evidence is None else self.measured(image, evidence, index, predicted)
         look, score = self.judge(image, evidence, box)
         if score < self.settings.lost_score:
             self.is_lost = True
             return self.look_again(image, index)
         self.box = box
+        self.motion.look(image, box)
         if self.disagreements >= PATIENCE:
             self.start(image, box)
         elif look > self.settings.lost_score + SURE_ABOVE_LOST:
@@ -129,12 +138,12 @@ class Follower:
         """Take the padding off."""
         return image[self.pad : image.shape[0] - self.pad, self.pad : image.shape[1] - self.pad]
 
-    def measured(self, evidence: Evidence, index: int, predicted: Box) -> Box:
+    def measured(self, image: UInt8[np.ndarray, "h w 3"], evidence: Evidence, index: int, predicted: Box) -> Box:
         """Move the predicted box to the foreground, or each of its sides towards the foreground's edge."""
         inner = shifted(predicted, -self.pad)
         surely_away = evidence.moved_away > LEAST_AWAY
         better = pulled(np.clip(evidence.odds / 4.0, -0.4, 1.0), evidence.region, inner)
-        if surely_away and better != inner:
+        if surely_away and better != inner and self.looks_better(image, shifted(better, self.pad), predicted):
             self.disagreements = PATIENCE
             return shifted(better, self.pad)
         extent = measure(evidence.mask(inner), evidence.colour, evidence.region, inner)
@@ -144,12 +153,19 @@ class Follower:
         change = np.where(free, to_sides(found) - to_sides(inner), 0.0)
         if not self.scene.is_settled(index):
             change = self.held_back(change, evidence, inner)
+        shift = np.tile((change[:2] + change[2:]) / 2, 2)
+        most = MOST_SHIFT * max(predicted[2:])
+        change = change - shift + np.clip(shift, -most, most)
         limit = MOST_CHANGE * np.array([predicted[2], predicted[3]] * 2)
         left, top, right, bottom = to_sides(predicted) + np.clip(GAIN * change, -limit, limit)
         box = (float(left), float(top), float(right - left), float(bottom - top))
         self.size = (1 - MEMORY_RATE) * self.size + MEMORY_RATE * np.array(box[2:])
         self.disagreements = self.disagreements + 1 if overlap(self.tracked, trackable(box)) < AGREEMENT else 0
         return box
+
+    def looks_better(self, image: UInt8[np.ndarray, "h w 3"], box: Box, than: Box) -> bool:
+        """Say whether a box looks more like the character than another."""
+        return self.appearance.score(image, box) > self.appearance.score(image, than)
 
     def held_back(self, change: Float[np.ndarray, "4"], evidence: Evidence, box: Box) -> Float[np.ndarray, "4"]:
         """Where the character hardly leaves its place, let sides move out only against little that moves behind.
@@ -159,10 +175,11 @@ class Follower:
         outward = change * np.array([-1.0, -1.0, 1.0, 1.0]) > 0
         change = np.where(outward & evidence.crowded(box), 0.0, change)
         sizes = np.array(box[2:]) + change[2:] - change[:2]
+        own = evidence.own_strips(box, change)
         surplus = np.maximum(sizes - np.maximum(MOST_GROWTH * self.size, box[2:]), 0.0)
-        growth = np.where(outward, np.abs(change), 0.0)
+        growth = np.where(outward & ~own, np.abs(change), 0.0)
         total = np.maximum(growth[:2] + growth[2:], 1e-9)
-        return change * np.where(outward, 1.0 - np.tile(np.minimum(surplus / total, 1.0), 2), 1.0)
+        return change * np.where(outward & ~own, 1.0 - np.tile(np.minimum(surplus / total, 1.0), 2), 1.0)
 
     def judge(self, image: UInt8[np.ndarray, "h w 3"], evidence: Evidence | None, box: Box) -> tuple[float, float]:
         """Return how much a box looks like the character, and the same with what the background says."""
@@ -188,6 +205,7 @@ class Follower:
         whole = completed(shifted(box, -self.pad), self.size, (everywhere.width, everywhere.height))
         box = shifted(whole, self.pad)
         self.start(image, box)
+        self.motion = Motion(image, box, self.pad)
         self.size = np.array(box[2:])
         self.gray = None
         self.scene.claim(picture, index, shifted(box, -self.pad))

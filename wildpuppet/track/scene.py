@@ -30,6 +30,8 @@ LEAST_AREA, LEAST_MORE_ALIKE = 0.4, 0.12
 # It does too when it differs from the picture on at least this share of the box, and is there more like what is around
 # the box than the picture is, by as much: then the character has gone from there.
 LEAST_GONE = 0.2
+# The plate must show something inside the box, its pictures agreeing, on more than this share of it.
+LEAST_SHOWN = 0.7
 # The plate shows the character when what does not differ in the box has its colours, with log-odds above this, on an
 # area of at least this share of what differs.
 HELD_COLOUR, MOST_HELD = 0.7, 0.55
@@ -86,6 +88,7 @@ class Scene:
         self.survey, self.start = survey, start
         self.trust = {shot: trust_of(plate.spread, plate.count) for shot, plate in survey.plates.items()}
         self.background = {shot: plate.colour.copy() for shot, plate in survey.plates.items()}
+        self.spread = {shot: plate.spread.copy() for shot, plate in survey.plates.items()}
         self.noise = LEAST_NOISE
         self.claimed: set[int] = set()
         self.settled: set[int] = set()
@@ -108,14 +111,17 @@ class Scene:
         changed = cv2.absdiff(self.background[shot], moved).max(2) > CHANGED * deviation
         outside, inside_view = in_view & ~is_inside, in_view & is_inside
         trust = self.trust[shot]
-        self.background[shot][outside & changed] = moved[outside & changed]
+        unlike = outside & (changed | (trust == 0))
+        self.background[shot][unlike] = moved[unlike]
+        self.spread[shot][unlike] = np.minimum(self.spread[shot][unlike], MOST_SPREAD)
         trust[outside] = TRUSTED
         trust[inside_view & (trust > 0)] = DOUBTFUL
         drawn, behind = moved[inside_view & changed], self.background[shot][inside_view & changed]
-        is_held = holds_character(drawn, moved[inside_view & ~changed], moved[outside])
+        is_held = holds_character(drawn, moved[inside_view & ~changed & (trust > 0)], moved[outside])
         is_gone = len(drawn) > LEAST_GONE * inside_view.sum() and continues(behind, moved[outside], drawn)
-        if not is_held and (is_gone or self.walks_about(shot, drawn, behind)):
-            trust[inside_view] = TRUSTED
+        is_shown = bool((trust[inside_view] > 0).mean() > LEAST_SHOWN) if inside_view.any() else False
+        if is_shown and not is_held and (is_gone or self.walks_about(shot, drawn, behind)):
+            trust[inside_view & (trust > 0)] = TRUSTED
             self.settled.add(shot)
 
     def is_settled(self, index: int) -> bool:
@@ -158,7 +164,7 @@ class Scene:
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         plate = cv2.warpAffine(self.background[shot], matrix, size, flags=flags)
         trust = cv2.warpAffine(self.trust[shot], matrix, size, flags=flags)
-        spread = cv2.warpAffine(self.survey.plates[shot].spread, matrix, size, flags=flags)
+        spread = cv2.warpAffine(self.spread[shot], matrix, size, flags=flags)
         known = trust > 250
         difference = cv2.absdiff(picture[region.rows, region.columns], plate).astype(np.float32)
         self.measure_noise(difference, known & ~inside_box(region, box, 0.1))
