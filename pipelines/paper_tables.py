@@ -56,6 +56,22 @@ QUICK = Effort(
 )
 
 
+def effort_of(is_quick: bool, iterations: int) -> Effort:
+    """Choose the effort; ``iterations`` of the paper's network, where they are not 0, stand for the preset's."""
+    effort = QUICK if is_quick else FULL
+    return effort if iterations == 0 else replace(effort, paper={"train": {"iterations": iterations}})
+
+
+def paper_iterations(effort: Effort) -> int:
+    """Give the steps for which the paper's network is trained."""
+    return effort.paper.get("train", {}).get("iterations", read_preset("paper").train.iterations)
+
+
+def refine_iterations(effort: Effort) -> int:
+    """Give the steps for which the refinements are trained."""
+    return effort.refine.get("iterations", RefineSettings().iterations)
+
+
 @dataclass(frozen=True, kw_only=True)
 class SetWork:
     """One benchmark set with what its methods share. ``content`` is the digest of its files."""
@@ -248,7 +264,9 @@ def _of_run(work: SetWork, run: "Run", layers: "np.ndarray | None") -> "Answer":
 def _of_stages(settings: Callable[[SetWork], Settings]) -> Callable[[SetWork], object]:
     def depends(work: SetWork) -> object:
         versions = {stage.name: stage.version for stage in STAGES}
-        return [msgspec.to_builtins(settings(work)), versions]
+        tree = msgspec.to_builtins(settings(work))
+        del tree["out"]  # which files are written beside
+        return [tree, versions]
 
     return depends
 

@@ -45,6 +45,8 @@ class Arguments(Options):
     """Names of methods, as the tables have them; all of them when left out."""
     seeds: Annotated[int, tyro.conf.arg(metavar="N")] = 1
     """How often what depends on chance is trained; from 2 on the tables show the standard deviation."""
+    paper_iterations: Annotated[int, tyro.conf.arg(metavar="N")] = 0
+    """Training steps of the paper's network; 0 is the preset's, which takes long. The tables say what it was."""
     quick: tyro.conf.UseCounterAction[int] = 0
     """Train for a moment only: to see that everything works, not for numbers."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/reproduce")
@@ -107,7 +109,7 @@ def _reproduce(case: Case, methods: list[Method], arguments: Arguments, found: F
             content=digest_of_folder(case.folder)[0],
             out=arguments.out,
             options=_options(arguments),
-            effort=paper_tables.QUICK if arguments.quick else paper_tables.FULL,
+            effort=paper_tables.effort_of(bool(arguments.quick), arguments.paper_iterations),
             reporter=reporter,
         )
         if work.truth.test is None or len(work.truth.test) < 2:
@@ -168,15 +170,27 @@ def _written(arguments: Arguments, found: Found) -> str:
     from wildpuppet import atomic
     from wildpuppet.tables.paper import paper_text
 
-    text = paper_text(found.scores, found.missing, arguments.seeds, bool(arguments.quick))
+    effort = paper_tables.effort_of(bool(arguments.quick), arguments.paper_iterations)
+    text = paper_text(found.scores, found.missing, notes_of(arguments, effort))
     tree: dict[str, Any] = {
         "schema": SCHEMA,
         "settings": msgspec.to_builtins(arguments.settings),
         "seeds": arguments.seeds,
-        "quick": bool(arguments.quick),
+        "effort": asdict(effort),
         "scores": [asdict(score) for score in found.scores],
         "missing": found.missing,
     }
     atomic.write_text(arguments.out / "tables.md", text)
     atomic.write_text(arguments.out / "tables.json", msgspec.json.format(msgspec.json.encode(tree), indent=1).decode())
     return text
+
+
+def notes_of(arguments: Arguments, effort: paper_tables.Effort) -> list[str]:
+    """Say how long things were trained and how often."""
+    times = f"{arguments.seeds} seeds, ± their standard deviation" if arguments.seeds > 1 else "one seed"
+    steps = {
+        "the paper's network": paper_tables.paper_iterations(effort),
+        "the paper's and our refinement": paper_tables.refine_iterations(effort),
+        "the auto-encoder": effort.autoencoder_steps,
+    }
+    return [f"Trained things: {times}; {', '.join(f'{what} {number} steps' for what, number in steps.items())}."]

@@ -21,11 +21,9 @@ and .025 of the drawing's larger side; points visible in both count; higher is b
 """
 
 
-def paper_text(scores: Sequence[Score], missing: Sequence[str], num_seeds: int, is_quick: bool) -> str:
+def paper_text(scores: Sequence[Score], missing: Sequence[str], notes: Sequence[str]) -> str:
     """Write all tables as markdown."""
-    seeds = f"{num_seeds} seeds, ± their standard deviation" if num_seeds > 1 else "one seed"
-    lines = [f"Trained things: {seeds}{'; trained for a moment only (--quick)' if is_quick else ''}.\n"]
-    lines += [HEAD, markdown(scores, ["mse"])]
+    lines = [*(f"{note}\n" for note in notes), HEAD, markdown(scores, ["mse"])]
     lines += [DECIBELS, markdown(scores, ["mse"], 2, decibels)]
     lines += [BOX, markdown(scores, ["mse box"])]
     lines += [PAIRS, markdown(scores, ["pck 0.1", "pck 0.05", "pck 0.025"])]
