@@ -5,15 +5,12 @@ Every method answers for the set's test drawings: a picture of each (Table 1) an
 again as long as the set's files, the settings and the versions of the stages stay the same.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
-from jaxtyping import Float, Int, UInt8
 
 from wildpuppet.errors import WildPuppetError
 from wildpuppet.machine import Machine
@@ -21,109 +18,14 @@ from wildpuppet.settings import RefineSettings, Settings
 from wildpuppet.stages import STAGES
 from wildpuppet.store import digest_of
 
-from . import evaluate
-from .evaluate import Case
-from .presets import merged, read_preset
-from .reporter import Reporter
+from .paper_work import SetWork, ours_settings, paper_refine_settings, paper_settings, refine_settings
 
 if TYPE_CHECKING:
     from wildpuppet.api import Run
-    from wildpuppet.correspond.pck import Truth
     from wildpuppet.tables.answer import Answer
-
-Picture = UInt8[np.ndarray, "H W 3"]
 
 VERSION = 1
 """Raised when an answer is made differently from the same files and settings."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Effort:
-    """How long things are trained; none of it is a setting of a stage."""
-
-    autoencoder_steps: int = 1000
-    paper: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
-    """Changes of the paper preset."""
-    refine: Mapping[str, int] = field(default_factory=dict)
-    """Changes of the refinement's settings."""
-
-
-FULL = Effort()
-QUICK = Effort(
-    autoencoder_steps=40,
-    paper={"train": {"iterations": 10, "batch": 4}},
-    refine={"iterations": 20, "critic_steps": 1, "width": 8},
-)
-
-
-def effort_of(is_quick: bool, iterations: int) -> Effort:
-    """Choose the effort; ``iterations`` of the paper's network, where they are not 0, stand for the preset's."""
-    effort = QUICK if is_quick else FULL
-    return effort if iterations == 0 else replace(effort, paper={"train": {"iterations": iterations}})
-
-
-def paper_iterations(effort: Effort) -> int:
-    """Give the steps for which the paper's network is trained."""
-    return effort.paper.get("train", {}).get("iterations", read_preset("paper").train.iterations)
-
-
-def refine_iterations(effort: Effort) -> int:
-    """Give the steps for which the refinements are trained."""
-    return effort.refine.get("iterations", RefineSettings().iterations)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SetWork:
-    """One benchmark set with what its methods share. ``content`` is the digest of its files."""
-
-    case: Case
-    content: str
-    out: Path
-    options: evaluate.Arguments
-    effort: Effort
-    reporter: Reporter
-
-    @cached_property
-    def truth(self) -> "Truth":
-        """The ground truth."""
-        from wildpuppet.correspond.pck import read_truth
-
-        return read_truth(self.case.truth)
-
-    @cached_property
-    def drawings(self) -> list[Picture]:
-        """All drawings over white."""
-        from wildpuppet.export.source import source_of
-
-        source = source_of(self.case.folder / "frames")
-        return [source.picture(index) for index in range(len(self.truth.points))]
-
-    @property
-    def test(self) -> Int[np.ndarray, "A"]:
-        """Numbers of the drawings kept for testing."""
-        assert self.truth.test is not None, "sets without test drawings are refused before"
-        return self.truth.test
-
-    @property
-    def tested(self) -> list[Picture]:
-        """The drawings kept for testing."""
-        return [self.drawings[index] for index in self.test]
-
-    @cached_property
-    def trained(self) -> list[Picture]:
-        """The other drawings."""
-        kept = set(self.test.tolist())
-        return [picture for index, picture in enumerate(self.drawings) if index not in kept]
-
-    @property
-    def points(self) -> Float[np.ndarray, "A N 2"]:
-        """True points of the test drawings."""
-        return np.asarray(self.truth.points[self.test], np.float64)
-
-    def ran(self, name: str, settings: Settings) -> "Run":
-        """Run the pipeline with these settings, or open what is kept."""
-        options = replace(self.options, settings=settings, work=self.out / "runs" / name)
-        return evaluate.run_case(self.case, self.truth, options, self.reporter)
 
 
 @dataclass(frozen=True)
@@ -134,30 +36,6 @@ class Method:
     answer: "Callable[[SetWork, int], Answer]"
     depends: Callable[[SetWork], object]
     is_random: bool = False
-
-
-def ours_settings(work: SetWork) -> Settings:
-    """Give the settings of our own run: those of the command line."""
-    return work.options.settings
-
-
-def paper_settings(work: SetWork, seed: int = 0) -> Settings:
-    """Give the paper preset's search, fit and training with a seed; crops and puppet are those of our own run."""
-    preset = read_preset("paper")
-    settings = msgspec.structs.replace(
-        work.options.settings, search=preset.search, fit=preset.fit, train=preset.train
-    )
-    return merged(merged(settings, work.effort.paper), {"train": {"seed": seed}, "out": {"preview": False}})
-
-
-def refine_settings(work: SetWork, seed: int = 0) -> RefineSettings:
-    """Give our refinement's settings with a seed."""
-    return msgspec.structs.replace(RefineSettings(), **{**work.effort.refine, "seed": seed})
-
-
-def paper_refine_settings(work: SetWork, seed: int = 0) -> RefineSettings:
-    """Give the paper's refinement: the rendered puppet alone goes in, the losses are as printed."""
-    return msgspec.structs.replace(refine_settings(work, seed), method="network", squared=0.0)
 
 
 def _reference(work: SetWork, seed: int) -> "Answer":
@@ -261,7 +139,9 @@ def _of_run(work: SetWork, run: "Run", layers: "np.ndarray | None") -> "Answer":
     return Answer(pictures, carried_by_puppet(run.puppet, run.crops, run.fit, work.test, work.points, layers))
 
 
-def _of_stages(settings: Callable[[SetWork], Settings]) -> Callable[[SetWork], object]:
+def stages_of(settings: Callable[[SetWork], Settings]) -> Callable[[SetWork], object]:
+    """Say what a run's answers depend on: its settings and the versions of the stages."""
+
     def depends(work: SetWork) -> object:
         versions = {stage.name: stage.version for stage in STAGES}
         tree = msgspec.to_builtins(settings(work))
@@ -274,7 +154,7 @@ def _of_stages(settings: Callable[[SetWork], Settings]) -> Callable[[SetWork], o
 def _of_refinement(
     settings: Callable[[SetWork], Settings], refine: Callable[[SetWork], RefineSettings]
 ) -> Callable[[SetWork], object]:
-    return lambda work: [_of_stages(settings)(work), msgspec.to_builtins(refine(work))]
+    return lambda work: [stages_of(settings)(work), msgspec.to_builtins(refine(work))]
 
 
 def _on_nothing(work: SetWork) -> object:
@@ -286,12 +166,12 @@ METHODS = (
     Method("flow warp", _flow, _on_nothing),
     Method("flow warp of nearest", _flow_of_nearest, _on_nothing),
     Method("auto-encoder", _autoencoder, lambda work: work.effort.autoencoder_steps, is_random=True),
-    Method("paper", _paper, _of_stages(paper_settings), is_random=True),
+    Method("paper", _paper, stages_of(paper_settings), is_random=True),
     Method("paper, refined", _paper_refined, _of_refinement(paper_settings, paper_refine_settings), is_random=True),
-    Method("ours", _ours, _of_stages(ours_settings)),
-    Method("ours, texture of nearest", _ours_dressed, _of_stages(ours_settings)),
+    Method("ours", _ours, stages_of(ours_settings)),
+    Method("ours, texture of nearest", _ours_dressed, stages_of(ours_settings)),
     Method("ours, refined", _ours_refined, _of_refinement(ours_settings, refine_settings), is_random=True),
-    Method("ours, parts named", _ours_named, _of_stages(ours_settings)),
+    Method("ours, parts named", _ours_named, stages_of(ours_settings)),
 )
 
 

@@ -16,10 +16,11 @@ import tyro
 from wildpuppet.errors import InputError, SettingsError
 from wildpuppet.store import digest_of_folder
 
-from . import evaluate, paper_tables
+from . import evaluate, paper_motion, paper_tables, paper_work
 from .arguments import value_of
 from .evaluate import Case, cases_in
-from .paper_tables import Method, SetWork
+from .paper_tables import Method
+from .paper_work import SetWork
 from .presets import read_preset
 from .reporter import terminal
 from .session import Options
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from wildpuppet.tables.table import Score
 
 SCHEMA = "wildpuppet.tables/1"
+OURS = "ours"
+"""The method whose runs the applications are measured on."""
 SHOWN = 6
 """Drawings in a figure."""
 
@@ -109,7 +112,7 @@ def _reproduce(case: Case, methods: list[Method], arguments: Arguments, found: F
             content=digest_of_folder(case.folder)[0],
             out=arguments.out,
             options=_options(arguments),
-            effort=paper_tables.effort_of(bool(arguments.quick), arguments.paper_iterations),
+            effort=paper_work.effort_of(bool(arguments.quick), arguments.paper_iterations),
             reporter=reporter,
         )
         if work.truth.test is None or len(work.truth.test) < 2:
@@ -123,6 +126,12 @@ def _reproduce(case: Case, methods: list[Method], arguments: Arguments, found: F
                     continue
                 found.scores += _scores(work, method.name, seed, answer)
                 shown.setdefault(method.name, answer)
+        if any(method.name == OURS for method in methods):
+            inbetweens = paper_motion.inbetween(work)
+            if isinstance(inbetweens, str):
+                found.missing.append(f"inbetweens on {case.name}: {inbetweens}")
+            else:
+                found.scores += inbetweens
     _draw(work, shown)
 
 
@@ -147,11 +156,8 @@ def _scores(work: SetWork, method: str, seed: int, answer: "Answer") -> "list[Sc
 
 
 def _draw(work: SetWork, shown: "dict[str, Answer]") -> None:
-    from PIL import Image
-
-    from wildpuppet import atomic
     from wildpuppet.export.sheet import spread
-    from wildpuppet.tables.sheet import grid
+    from wildpuppet.tables.sheet import grid, save_sheet
 
     columns = {name: answer.pictures for name, answer in shown.items() if answer.pictures is not None}
     if not columns:
@@ -159,10 +165,7 @@ def _draw(work: SetWork, shown: "dict[str, Answer]") -> None:
     rows = spread(len(work.test), SHOWN)
     columns = {"drawing": tuple(work.tested), **columns}
     sheet = grid({name: [pictures[row] for row in rows] for name, pictures in columns.items()})
-    place = work.out / "figures"
-    with atomic.disk_errors(place):
-        place.mkdir(parents=True, exist_ok=True)
-        Image.fromarray(sheet).save(place / f"{work.case.name}.png")
+    save_sheet(work.out / "figures" / f"{work.case.name}.png", sheet)
 
 
 def _written(arguments: Arguments, found: Found) -> str:
@@ -170,7 +173,7 @@ def _written(arguments: Arguments, found: Found) -> str:
     from wildpuppet import atomic
     from wildpuppet.tables.paper import paper_text
 
-    effort = paper_tables.effort_of(bool(arguments.quick), arguments.paper_iterations)
+    effort = paper_work.effort_of(bool(arguments.quick), arguments.paper_iterations)
     text = paper_text(found.scores, found.missing, notes_of(arguments, effort))
     tree: dict[str, Any] = {
         "schema": SCHEMA,
@@ -185,12 +188,12 @@ def _written(arguments: Arguments, found: Found) -> str:
     return text
 
 
-def notes_of(arguments: Arguments, effort: paper_tables.Effort) -> list[str]:
+def notes_of(arguments: Arguments, effort: paper_work.Effort) -> list[str]:
     """Say how long things were trained and how often."""
     times = f"{arguments.seeds} seeds, ± their standard deviation" if arguments.seeds > 1 else "one seed"
     steps = {
-        "the paper's network": paper_tables.paper_iterations(effort),
-        "the paper's and our refinement": paper_tables.refine_iterations(effort),
+        "the paper's network": paper_work.paper_iterations(effort),
+        "the paper's and our refinement": paper_work.refine_iterations(effort),
         "the auto-encoder": effort.autoencoder_steps,
     }
     return [f"Trained things: {times}; {', '.join(f'{what} {number} steps' for what, number in steps.items())}."]

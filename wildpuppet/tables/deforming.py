@@ -27,7 +27,7 @@ from wildpuppet.tables.autoencoder import SIDE, DeformingAutoEncoder
 
 Picture = UInt8[np.ndarray, "H W 3"]
 
-STEPS = 1000
+STEPS = 400
 BATCH = 8
 RATE = 3e-3
 SMOOTH, CENTRED = 1e-3, 0.01

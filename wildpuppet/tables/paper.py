@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from wildpuppet.tables.error import decibels
+from wildpuppet.tables.inbetweens import MEASURES
 from wildpuppet.tables.table import Score, markdown
 
 HEAD = """\
@@ -19,6 +20,11 @@ PAIRS = """\
 Table 2: points carried between any two of the drawings kept for testing, all ordered pairs. Percentage within .1, .05
 and .025 of the drawing's larger side; points visible in both count; higher is better.
 """
+INBETWEEN = """\
+Table 3: test drawings left out and predicted from the drawings before and after, on our own runs. Mean distance in
+pixels: of all vertices from the drawing's own fit / of true points, the neighbours posed by true points too / of lines
+from the drawing's lines (Chamfer). Lower is better; only drawings between two others of the same motion count.
+"""
 
 
 def paper_text(scores: Sequence[Score], missing: Sequence[str], notes: Sequence[str]) -> str:
@@ -27,6 +33,8 @@ def paper_text(scores: Sequence[Score], missing: Sequence[str], notes: Sequence[
     lines += [DECIBELS, markdown(scores, ["mse"], 2, decibels)]
     lines += [BOX, markdown(scores, ["mse box"])]
     lines += [PAIRS, markdown(scores, ["pck 0.1", "pck 0.05", "pck 0.025"])]
+    if any(score.measure.startswith("inbetween") for score in scores):
+        lines += [INBETWEEN, markdown(scores, [f"inbetween {measure}" for measure in MEASURES], 2)]
     if missing:
         lines.append("Left out:\n\n" + "".join(f"- {line}\n" for line in missing))
     return "\n".join(lines)

@@ -1,11 +1,14 @@
 """Figures as contact sheets: a row per drawing, a column per method, its name above it."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
 from jaxtyping import UInt8
+from PIL import Image
 
+from wildpuppet import atomic
 from wildpuppet.export.lettering import write_text
 
 Picture = UInt8[np.ndarray, "H W 3"]
@@ -29,6 +32,13 @@ def grid(columns: Mapping[str, Sequence[Picture | None]], tile: int = TILE) -> U
                 top = WORDS + row * (tile + GAP)
                 sheet[top : top + tile, left : left + tile] = fitted(picture, tile)
     return sheet
+
+
+def save_sheet(path: Path, sheet: UInt8[np.ndarray, "H W 3"]) -> None:
+    """Write a sheet as PNG, whole or not at all."""
+    with atomic.disk_errors(path.parent), atomic.new_folder(path.parent) as beside:
+        Image.fromarray(sheet).save(beside / path.name)
+        (beside / path.name).replace(path)
 
 
 def fitted(picture: Picture, tile: int) -> UInt8[np.ndarray, "tile tile 3"]:
