@@ -92,7 +92,7 @@ def _made(
             arguments.around == "character",
             arguments.source,
         )
-        return found, pictures_of_run(run, arguments.source), _finish(arguments, run)
+        return found, pictures_of_run(run, arguments.source), _finish(arguments, run, found)
     return _between_pictures(arguments), None, None
 
 
@@ -124,10 +124,13 @@ def _out_of(arguments: Arguments) -> Path:
     return Path("out") / f"{Path(name).stem}-{frames}"
 
 
-def _finish(arguments: Arguments, run: "Run") -> "Finish | None":
-    if arguments.refine is None:
+def _finish(arguments: Arguments, run: "Run", found: "Inbetweens") -> "Finish | None":
+    if arguments.refine is None or arguments.frames is None:
         return None
-    raise SettingsError("--refine: not built yet")
+    from wildpuppet.refiners import load_refiner
+    from wildpuppet.remake.finished import finish_with
+
+    return finish_with(load_refiner(arguments.refine, run.puppet), run, found, arguments.frames[0])
 
 
 def _progress(reporter: Reporter) -> Callable[[int, int], None]:

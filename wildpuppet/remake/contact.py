@@ -72,7 +72,7 @@ def _caption(t: int, count: int) -> str:
     return "first" if t == 0 else "last" if t == count - 1 else f"inbetween {t}"
 
 
-def _near(found: Inbetweens, picture: Picture, t: int) -> Picture:
+def _near(found: Inbetweens, picture: Picture, t: int) -> UInt8[np.ndarray, "side side 3"]:
     """Cut the nearest drawing out of its picture, at the scale of the pose beside it."""
     assert found.nearest_vertices is not None
     scale = float(found.picture_from_video[0, 0])
@@ -87,7 +87,7 @@ def _window(vertices: np.ndarray, larger: float | None = None) -> tuple[float, f
     return left, top, side
 
 
-def _tile(picture: Picture, window: tuple[float, float, float]) -> Picture:
+def _tile(picture: Picture, window: tuple[float, float, float]) -> UInt8[np.ndarray, "side side 3"]:
     """Resample a square of a picture to a tile; white beyond it."""
     left, top, side = window
     scale = side / TILE
@@ -102,7 +102,7 @@ def _tile(picture: Picture, window: tuple[float, float, float]) -> Picture:
     return np.asarray(cv2.warpAffine(shrunk, matrix, (TILE, TILE), flags=flags, borderValue=white), np.uint8)
 
 
-def _grid(cells: list[Picture]) -> Picture:
+def _grid(cells: list[Picture]) -> UInt8[np.ndarray, "height width 3"]:
     columns = min(COLUMNS, len(cells))
     rows = -(-len(cells) // columns)
     height, width = (cells[0].shape[axis] + GAP for axis in range(2))

@@ -61,6 +61,8 @@ def inbetweens_of_run(
     """
     _check(count, size)
     first, last = (_row_of(run, frame) for frame in frames)
+    if np.array_equal(run.animation.vertices(first), run.animation.vertices(last)) or first == last:
+        raise InputError(f"--frames {frames[0]} {frames[1]}: expected two drawings, found one and the same")
     drawings = drawings_of(run.crops, run.fit, frames)
     low, high = (int(np.flatnonzero(drawings.rows == row)[0]) for row in sorted((first, last)))
     tree = bone_tree_of(run.puppet)
