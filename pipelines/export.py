@@ -14,6 +14,7 @@ from .reporter import Reporter, terminal
 if TYPE_CHECKING:
     from wildpuppet.export.animation import Animation
     from wildpuppet.export.formats import Format
+    from wildpuppet.export.options import Options
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +36,8 @@ class Arguments:
     """Length of one video pixel in formats of three dimensions."""
     picture_frame: int | None = None
     """Clip frame that formats of one picture (psd, ora) show; by default the puppet at rest."""
+    pictures: bool = False
+    """Put the clip's own frames into formats that carry them along (tapvid)."""
 
 
 def main(arguments: Arguments) -> None:
@@ -42,11 +45,10 @@ def main(arguments: Arguments) -> None:
     from wildpuppet.api import open_run
     from wildpuppet.export.export import check_out, check_unedited
     from wildpuppet.export.formats import formats_of
+    from wildpuppet.export.options import Options
 
     if not 0.0 < arguments.units_per_pixel < float("inf"):
         raise SettingsError(f"--units-per-pixel {arguments.units_per_pixel:g}: expected a number above 0")
-    if arguments.first_frame is not None and arguments.first_frame < 0:
-        raise SettingsError(f"--first-frame {arguments.first_frame}: expected 0 or more")
     if arguments.first_frame is not None and arguments.first_frame < 0:
         raise SettingsError(f"--first-frame {arguments.first_frame}: expected 0 or more; files are numbered by it")
     formats = formats_of(arguments.to)
@@ -54,23 +56,27 @@ def main(arguments: Arguments) -> None:
         each.writer()
         check_unedited(arguments.out / each.name)
     check_out(arguments.out)
-    animation = open_run(arguments.run).animation
+    run = open_run(arguments.run)
+    options = Options(
+        arguments.first_frame,
+        arguments.units_per_pixel,
+        arguments.picture_frame,
+        run.pictures() if arguments.pictures else None,
+    )
     with terminal() as reporter:
         for each in formats:
-            folder = _export(animation, each, arguments, reporter)
+            folder = _export(run.animation, each, arguments.out, options, reporter)
             sys.stdout.write(f"{folder}\n")
 
 
-def _export(animation: "Animation", each: "Format", arguments: Arguments, reporter: Reporter) -> Path:
+def _export(animation: "Animation", each: "Format", out: Path, options: "Options", reporter: Reporter) -> Path:
     """Write one format and report how far it is."""
     from wildpuppet.export.export import export
-    from wildpuppet.export.options import Options
 
     def progress(done: int, total: int) -> None:
         reporter.update(done / max(total, 1))
 
-    options = Options(arguments.first_frame, arguments.units_per_pixel, arguments.picture_frame)
     reporter.begin(each.name)
-    folder = export(animation, each, arguments.out, options, progress)
+    folder = export(animation, each, out, options, progress)
     reporter.end(each.name, is_kept=False)
     return folder

@@ -17,12 +17,14 @@ from wildpuppet.deform.model import Model
 from wildpuppet.errors import InputError
 from wildpuppet.export.export import export
 from wildpuppet.export.formats import formats_of
-from wildpuppet.export.options import Options
+from wildpuppet.export.options import Options, Pictures
+from wildpuppet.export.source import source_of
 from wildpuppet.machine import Machine, Progress, silent
 from wildpuppet.motion.inbetween import Method
 from wildpuppet.paint.of_run import paint_run
 from wildpuppet.paint.paint import Over
 from wildpuppet.paint.template import write_template
+from wildpuppet.recut import clip_of_run, is_clip, source_of_run
 from wildpuppet.refine.refiner import Refiner
 from wildpuppet.refiners import refiner_of_run
 from wildpuppet.remake.inbetween import SIZE, Inbetweens, inbetweens_of_run
@@ -56,6 +58,12 @@ class Run(RunFolder):
         Raises SettingsError for an unknown format, InputError for a missing extra or an ``out`` with other files.
         """
         return [export(self.animation, each, Path(out), options) for each in formats_of(formats)]
+
+    def pictures(self, source: str | Path | None = None) -> Pictures:
+        """Open the run's clip or drawings for ``Options(pictures=...)``; ``source``: where they lie now, when moved."""
+        place = None if source is None else Path(source)
+        found = clip_of_run(self, place) if is_clip(self) else source_of_run(self, place)
+        return source_of(found).picture
 
     def paint_template(self, place: str | Path) -> Path:
         """Write what to paint on: PLACE.psd, PLACE.ora, or a folder with a picture per part; give the place.

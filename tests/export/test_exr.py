@@ -1,6 +1,7 @@
 """EXR: the OpenEXR library reads the files, and OpenCV's remap through the ST maps draws what the parts look like."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import cv2
@@ -94,6 +95,19 @@ def test_motion_leads_to_where_the_surface_goes(world, folder):
             assert chosen.sum() > 200
             assert np.abs(found - truth)[chosen].max() < MOTION_PIXELS
             covered |= world.layer(t, layer)[..., 3] > 0
+
+
+def test_how_sure_the_seen_surface_is(tmp_path, world):
+    layers, vertices = world.puppet.layer_of_vertex, world.puppet.vertices
+    sure = np.where(layers == 1, (vertices[:, 0] - 86.0) / 58.0, 0.25)
+    animation = replace(world.animation, confidence=np.tile(sure, (NUM_FRAMES, 1)))
+    channels, _ = read(export(animation, format_of("exr"), tmp_path), "motion", 0)
+    x = np.mgrid[:120, :160][1] + 0.5
+    arm = cv2.erode(world.layer(0, 1)[..., 3], np.ones((3, 3))) == 255
+    body = (cv2.erode(world.layer(0, 0)[..., 3], np.ones((3, 3))) == 255) & (world.layer(0, 1)[..., 3] == 0)
+    assert np.abs(channels["confidence"] - (x - 86.0) / 58.0)[arm].max() < 1e-4
+    assert np.abs(channels["confidence"] - 0.25)[body].max() < 1e-6
+    assert not channels["confidence"][world.combined(0)[..., 3] == 0].any()
 
 
 def test_no_motion_across_cuts_ends_and_lost_frames(folder):

@@ -65,6 +65,46 @@ def test_point_tracks_follow_the_motion_and_know_what_hides_them(tmp_path, world
     places = points[np.arange(len(points)), first]
     assert np.abs(tracks["query_points"][:, 1:] - places[:, ::-1]).max() < PIXELS
     assert "pictures" in manifest.left_out[0]
+    assert "video" not in tracks
+
+
+def test_point_tracks_carry_pictures_along(tmp_path, world):
+    """TAP-Vid's own keys: video (T, H, W, 3) u8, points (N, T, 2) as shares, occluded (N, T)."""
+
+    def picture(number):
+        return np.full((120, 160, 3), (number, 2, 3), np.uint8)
+
+    manifest = tapvid.write(world.animation, tmp_path, Options(pictures=picture), silent)
+    with np.load(tmp_path / "hero_run.npz", allow_pickle=False) as tracks:
+        video = tracks["video"]
+        assert (video.shape, video.dtype) == ((NUM_FRAMES, 120, 160, 3), np.uint8)
+        assert video[:, 0, 0, 0].tolist() == list(range(FIRST, FIRST + NUM_FRAMES))
+        assert tracks["points"].shape[1] == NUM_FRAMES
+    assert not any("pictures" in words for words in manifest.left_out)
+
+
+def unsure(animation):
+    """Confidence that grows along the arm and falls with time; the body's is 1."""
+    layers, x = animation.puppet.layer_of_vertex, animation.puppet.vertices[:, 0]
+    arm = np.clip((x - 86.0) / 58.0, 0.0, 1.0)
+    return np.stack([np.where(layers == 1, arm * (1.0 - 0.1 * t), 1.0) for t in range(len(animation))])
+
+
+def test_confidence_comes_along(tmp_path, world):
+    animation = replace(world.animation, confidence=unsure(world.animation))
+    tapvid.write(animation, tmp_path, Options(), silent)
+    tracks = np.load(tmp_path / "hero_run.npz", allow_pickle=False)
+    on_arm = tracks["part"] == "arm"
+    assert np.allclose(tracks["confidence"][~on_arm], 1.0)
+    x = tracks["points"][on_arm, 0, 0] * 160  # frame 0 is the puppet at rest
+    for t in (0, 5):
+        assert np.abs(tracks["confidence"][on_arm, t] - (x - 86.0) / 58.0 * (1.0 - 0.1 * t)).max() < 1e-3
+    coco.write(animation, tmp_path, Options(), silent)
+    read = COCO(tmp_path / "hero_run.json")
+    for t in (0, 5):
+        scores = {each["category_id"]: each["score"] for each in read.loadAnns(read.getAnnIds(imgIds=t + 1))}
+        assert scores[2] == 1.0
+        assert scores[3] == pytest.approx(0.5 * (1.0 - 0.1 * t), abs=1e-3)
 
 
 def test_pycocotools_reads_masks_boxes_and_keypoints(tmp_path, world):

@@ -1,5 +1,6 @@
 import json
 import zipfile
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -145,3 +146,14 @@ def test_the_package_holds_its_texture_uncompressed(tmp_path, world):
             ("puppet.usdc", 0),
             ("atlas.png", 0),
         ]
+
+
+def test_how_sure_each_vertex_is_comes_along(tmp_path, world):
+    sure = np.random.default_rng(1).random(world.animation.confidence.shape)
+    stage = opened(export(replace(world.animation, confidence=sure), format_of("usd"), tmp_path))
+    for layer, name in enumerate(world.puppet.names):
+        primvar = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath(f"/Puppet/{name}")).GetPrimvar("confidence")
+        assert primvar.GetInterpolation() == "vertex"
+        for t in (0, 3):
+            found = np.array(primvar.Get(FIRST + t))
+            assert np.allclose(found, sure[t, world.puppet.layer_of_vertex == layer], atol=1e-6)

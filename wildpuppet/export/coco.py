@@ -3,7 +3,8 @@
 NAME.json. Categories: 1 is the whole character, with one keypoint per hinge; 2 and up are the parts, in the puppet's
 order. Masks are run-length encoded (COCO's compressed strings), areas and boxes are theirs. Keypoints count from the
 first pixel's centre, as COCO does: (0, 0) is the middle of the upper left pixel; 2 visible, 1 hidden, and 0 (with
-x = y = 0) outside the picture. A frame's ``file_name`` is its number in six digits: the pictures stay in the clip.
+x = y = 0) outside the picture. ``score`` is how sure the mesh is there, 0..1, over the part's vertices. A frame's
+``file_name`` is its number in six digits: the pictures stay in the clip.
 """
 
 from collections.abc import Iterator
@@ -77,9 +78,16 @@ def _annotations(animation: Animation, progress: Progress) -> Iterator[dict[str,
             if mask.any():
                 number += 1
                 category = CHARACTER if layer is None else FIRST_PART + layer
-                said = {"id": number, "image_id": frame.t + 1, "category_id": category, "iscrowd": 0}
+                said: dict[str, Any] = {"id": number, "image_id": frame.t + 1, "category_id": category, "iscrowd": 0}
+                said["score"] = _score(animation, frame, layer)
                 yield said | _outline(mask) | (_keypoints(animation, frame, hinges) if layer is None else {})
         progress(frame.t + 1, len(animation))
+
+
+def _score(animation: Animation, frame: Frame, layer: int | None) -> float:
+    """Average the confidence of a part's vertices, or of all."""
+    mine = slice(None) if layer is None else animation.puppet.layer_of_vertex == layer
+    return round(float(animation.confidence[frame.t, mine].mean()), 4)
 
 
 def _keypoints(animation: Animation, frame: Frame, hinges: list[Joint]) -> dict[str, Any]:

@@ -4,7 +4,8 @@
   PART.V, PART.A: each part whole, not cut by what covers it. U grows to the right and V **upwards**, 0..1 over the
   atlas, at pixel centres: u = x / width. 32-bit floats, because 16 bits are wrong by half a texel.
 - ``motion/motion.NNNNN.exr``: forward.u, forward.v to the next frame and backward.u, backward.v to the one before, in
-  pixels, v upwards, for the surface that is seen; 0 where nothing is and across cuts and lost frames.
+  pixels, v upwards, for the surface that is seen; 0 where nothing is and across cuts and lost frames. ``confidence``
+  is how sure that surface is, 0..1.
 - ``mattes/mattes.NNNNN.exr``: Cryptomatte, and the same coverage as a channel for each part.
 
 Read by Nuke, Fusion, Blender, After Effects, Natron.
@@ -29,6 +30,8 @@ from wildpuppet.machine import Progress
 
 KINDS = ("st", "motion", "mattes")
 DIGITS = 5
+TAKEN = ("R", "G", "A", "forward", "backward", "confidence")
+"""Names of channels that no part may have."""
 Channels = dict[str, np.ndarray]
 
 
@@ -38,7 +41,7 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
     Image.fromarray(animation.puppet.atlas).save(folder / "atlas.png")
     for kind in KINDS:
         (folder / kind).mkdir()
-    names = identifiers(animation.puppet.names, taken=("R", "G", "A", "forward", "backward", cryptomatte.NAME))
+    names = identifiers(animation.puppet.names, taken=(*TAKEN, cryptomatte.NAME))
     ids = {layer: cryptomatte.id_of(name) for layer, name in enumerate(animation.puppet.names)}
     for frame in animation:
         parts = surveyor.parts(frame)
@@ -91,7 +94,7 @@ def st_channels(animation: Animation, parts: list[PartFields], names: tuple[str,
 
 
 def motion_channels(animation: Animation, frame: Frame, parts: list[PartFields]) -> Channels:
-    """Give how far the seen surface goes to the next frame and to the one before."""
+    """Give how far the seen surface goes to the next frame and to the one before, and how sure it is."""
     best = foremost(parts, animation.size)
     channels: Channels = {}
     for name, step in (("forward", 1), ("backward", -1)):
@@ -102,7 +105,11 @@ def motion_channels(animation: Animation, frame: Frame, parts: list[PartFields])
                 vectors = part.mixed(moved * (1, -1), animation.puppet.triangles)
                 motion[part.window][is_best] = vectors[is_best].astype(np.float32)
         channels |= {f"{name}.u": motion[..., 0], f"{name}.v": motion[..., 1]}
-    return channels
+    sure = _plane(animation, 1)
+    for part, is_best in where_foremost(parts, best):
+        values = part.mixed(animation.confidence[frame.t, :, None].astype(np.float64), animation.puppet.triangles)
+        sure[part.window][is_best] = values[is_best].astype(np.float32)
+    return {**channels, "confidence": sure[..., 0]}
 
 
 def matte_channels(animation: Animation, parts: list[PartFields], names: tuple[str, ...]) -> Channels:

@@ -41,7 +41,7 @@ class PartFields:
         """Where the part has any opacity."""
         return self.triangle >= 0
 
-    def mixed(self, values: Float[np.ndarray, "V 2"], triangles: np.ndarray) -> Float[np.ndarray, "h w 2"]:
+    def mixed(self, values: Float[np.ndarray, "V c"], triangles: np.ndarray) -> Float[np.ndarray, "h w c"]:
         """Interpolate values of vertices; 0 where the part is not."""
         corners = values[triangles[np.maximum(self.triangle, 0)]]
         return np.asarray((corners * self.barycentrics[..., None]).sum(-2) * self.is_there[..., None])

@@ -93,6 +93,10 @@ def _facts(animation: Animation) -> dict[str, Any]:
             for t in animation.order_changes
         ],
         "shots_start_at": [int(animation.frames[t]) for t in animation.shot_starts],
+        "confidence": [round(float(sure), 4) for sure in animation.confidence.mean(1)],
+        "doubtful_frames": [
+            int(number) for number, state in zip(animation.frames, animation.state, strict=True) if state == "doubtful"
+        ],
         "hidden_frames": [int(number) for number in animation.frames[~animation.is_visible]],
         "held_frames": [
             int(number) for number, state in zip(animation.frames, animation.state, strict=True) if state == "held"

@@ -5,24 +5,26 @@
 | ``points`` | (N, T, 2) f32 | x / W, y / H: 0 is the picture's left or upper border, 1 the right or lower |
 | ``occluded`` | (N, T) bool | hidden by another part, outside the picture, or in a frame where the character is lost |
 | ``query_points`` | (N, 3) f32 | index of the frame in which it is seen first, y, x: pixels |
+| ``confidence`` | (N, T) f32 | how sure the mesh is there, 0..1 |
 | ``part`` | (N,) str | the part it lies on |
 | ``frames``, ``size`` | (T,) i64, (2,) i64 | clip frame numbers; W, H |
 
 TAP-Vid's own loader multiplies by (W, H), and so is this; CoTracker's multiplies by (W - 1, H - 1): for it, give
-(points * size - 0.5) / (size - 1). The pictures stay in the clip.
+(points * size - 0.5) / (size - 1). ``video`` (T, H, W, 3) u8 RGB is there where the export was given pictures.
 """
 
+import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from wildpuppet.disk import write_arrays
+from wildpuppet.disk import FIRST_DATE, write_arrays
 from wildpuppet.export.animation import Animation
 from wildpuppet.export.manifest import Manifest
 from wildpuppet.export.naming import file_names
-from wildpuppet.export.options import Options
+from wildpuppet.export.options import Options, Pictures
 from wildpuppet.machine import Progress
 from wildpuppet.types import Puppet
 
@@ -44,10 +46,12 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
     grid = grid_on(animation.puppet, MOST_POINTS)
     size = np.array(animation.size)
     points = np.zeros((len(grid.layer), len(animation), 2), np.float32)
+    confidence = np.zeros(points.shape[:2], np.float32)
     occluded = np.ones(points.shape[:2], bool)
     for t, frame in enumerate(animation):
         places = np.einsum("nkd,nk->nd", frame.vertices[grid.corners], grid.weights)
         points[:, t] = places / size
+        confidence[:, t] = (animation.confidence[t][grid.corners] * grid.weights).sum(1)
         if frame.is_visible:
             inside = ((places >= 0.0) & (places < size)).all(1)
             occluded[:, t] = ~inside | _hidden(animation.puppet, frame.vertices, frame.order, places, grid.layer)
@@ -57,15 +61,35 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
     arrays = {
         "points": points,
         "occluded": occluded,
+        "confidence": np.clip(confidence[kept], 0.0, 1.0),
         "query_points": _queries(points, occluded, size),
         "part": np.array(animation.puppet.names, np.str_)[grid.layer[kept]],
         "frames": animation.frames.astype(np.int64),
         "size": size.astype(np.int64),
     }
-    write_arrays(folder / f"{file_names([animation.name])[0]}.npz", SCHEMA, arrays)
-    left_out = ("pictures (TAP-Vid's `video`): take these frames of the clip", "meshes, textures, order of parts")
+    path = folder / f"{file_names([animation.name])[0]}.npz"
+    write_arrays(path, SCHEMA, arrays)
+    left_out: tuple[str, ...] = ("meshes, textures, order of parts",)
+    if options.pictures is None:
+        left_out = ("pictures (TAP-Vid's `video`): --pictures True puts them in", *left_out)
+    else:
+        _add_video(path, animation, options.pictures)
     first = int(animation.frames[0])
     return Manifest("top left corner of the picture", "x right, y down, shares of W and H", first, 1.0, left_out)
+
+
+def _add_video(path: Path, animation: Animation, pictures: Pictures) -> None:
+    """Add the pictures to an .npz, one at a time."""
+    width, height = animation.size
+    header = {"descr": "|u1", "fortran_order": False, "shape": (len(animation), height, width, 3)}
+    info = zipfile.ZipInfo("video.npy", FIRST_DATE)
+    with (
+        zipfile.ZipFile(path, "a", zipfile.ZIP_STORED) as archive,
+        archive.open(info, "w", force_zip64=True) as member,
+    ):
+        np.lib.format.write_array_header_2_0(member, header)
+        for frame in animation:
+            member.write(np.ascontiguousarray(pictures(frame.number), np.uint8).tobytes())
 
 
 def grid_on(puppet: Puppet, most: int) -> Grid:

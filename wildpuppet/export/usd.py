@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float, Float32
 from PIL import Image
 
 from wildpuppet.errors import StoreError
@@ -30,7 +30,6 @@ CAMERA_DISTANCE, FOCAL = 1e5, 50.0
 STEP = 1e-3
 """How long before a step the last value is repeated, in frames."""
 TEXTURE = "atlas.png"
-LEFT_OUT = ("confidence of vertices",)
 
 
 def write(animation: Animation, folder: Path, options: Options, progress: Progress) -> Manifest:
@@ -45,7 +44,7 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
         "x right, y up, z towards the eye: layers by depth",
         scene.first,
         options.units_per_pixel,
-        LEFT_OUT,
+        (),
         _read_back(animation, stage_path, scene),
     )
 
@@ -98,6 +97,7 @@ class Scene:
         self._describe()
         material = self._material()
         points = [self._mesh(piece, path, material) for piece, path in zip(self.pieces, self.paths, strict=True)]
+        sure = [_confidence_of(self.stage, path) for path in self.paths]
         joints = self._joints()
         visibility = self.root.CreateVisibilityAttr()
         steps, before = stepped(self.animation), ""
@@ -108,6 +108,8 @@ class Scene:
                 if is_step:
                     _set_points(points_of, extent_of, old, code - STEP)
                 _set_points(points_of, extent_of, values, code)
+            for confidence, piece in zip(sure, self.pieces, strict=True):
+                _set_floats(confidence, self.animation.confidence[frame.t, piece.vertices], code)
             seen = "inherited" if frame.is_visible else "invisible"
             if seen != before:
                 visibility.Set(seen, code)
@@ -236,3 +238,17 @@ def _read_back(animation: Animation, path: Path, scene: Scene) -> PositionError:
                 yield np.linalg.norm(flat - frame.vertices[piece.vertices], axis=1).astype(np.float32)
 
     return position_error(distances(), "usd-core")
+
+
+def _confidence_of(stage: Any, path: str) -> Any:
+    """Make the primvar that says how sure each vertex is, 0..1."""
+    from pxr import Sdf, UsdGeom
+
+    primvars = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath(path))
+    return primvars.CreatePrimvar("confidence", Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex)
+
+
+def _set_floats(primvar: Any, values: Float[np.ndarray, "n"], code: float) -> None:
+    from pxr import Vt
+
+    primvar.Set(Vt.FloatArray.FromNumpy(np.ascontiguousarray(values, np.float32)), code)

@@ -5,7 +5,7 @@ decided anew only when the frame itself changed.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol, runtime_checkable
 
@@ -66,7 +66,6 @@ class _Said(Manifest):
     over: str = "original"
     painted_parts: tuple[str, ...] = ()
     light_changes: bool = False
-    doubtful_frames: list[int] = field(default_factory=list)
 
 
 def check_out(out: Path) -> None:
@@ -104,9 +103,6 @@ def paint(job: Job, out: Path, progress: Progress = silent) -> Path:
 
 def _said(job: Job, measured: list[Light]) -> _Said:
     animation = job.animation
-    doubtful = [
-        int(number) for number, state in zip(animation.frames, animation.state, strict=True) if state == "doubtful"
-    ]
     left_out = list(job.edit.notes)
     if animation.timing.is_variable:
         left_out.append("the variable frame rate: picture i is shown at pts[i] * time_base seconds")
@@ -118,7 +114,6 @@ def _said(job: Job, measured: list[Light]) -> _Said:
         over=job.over,
         painted_parts=job.edit.parts,
         light_changes=len(set(measured)) > 1,
-        doubtful_frames=doubtful,
     )
 
 
