@@ -95,3 +95,11 @@ def terminal() -> Iterator[Reporter]:
         yield bars
     finally:
         bars.close()
+
+
+def note(reporter: Reporter, text: str) -> None:
+    """Write a line between the bars, or to stderr; a silent reporter stays silent."""
+    if isinstance(reporter, Bars):
+        reporter.progress.console.print(text, highlight=False)
+    elif isinstance(reporter, Lines):
+        sys.stderr.write(f"{text}\n")

@@ -10,12 +10,14 @@ from typing import Any
 _LAZY = {
     "run": ("wildpuppet.pipelines.run", "run"),
     "fit_drawings": ("wildpuppet.pipelines.fit", "fit"),
+    "train": ("wildpuppet.pipelines.train", "train"),
+    "load_model": ("wildpuppet.models", "load_model"),
     "open_run": ("wildpuppet.api", "open_run"),
     "Run": ("wildpuppet.api", "Run"),
     "WildPuppetError": ("wildpuppet.errors", "WildPuppetError"),
 }
 
-__all__ = ["Run", "WildPuppetError", "fit_drawings", "open_run", "run"]
+__all__ = ["Run", "WildPuppetError", "fit_drawings", "load_model", "open_run", "run", "train"]
 
 
 def __getattr__(name: str) -> Any:

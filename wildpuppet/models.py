@@ -31,6 +31,10 @@ FORMAT = "wildpuppet.model"
 SCHEMA = f"{FORMAT}/1"
 DESCRIPTION = "model.json"
 WEIGHTS = "model.safetensors"
+CHECKPOINT = "training.safetensors"
+"""The unfinished training, beside where the model will be."""
+OURS = (DESCRIPTION, WEIGHTS, CHECKPOINT, "puppet.npz", "run")
+"""What may lie in a MODEL folder; ``run`` where drawings were fitted first."""
 SHOWN_LOSSES = 50
 """Losses are written as means over so many stretches of the training."""
 
@@ -46,8 +50,27 @@ def puppet_digest(puppet: Puppet) -> str:
     return digest.hexdigest()
 
 
-def save_model(folder: Path, model: Model) -> None:
-    """Write a MODEL folder, model.json last; raises StoreError where the disk refuses."""
+def check_model_out(out: Path) -> None:
+    """Raise InputError when ``out`` holds something that is no model of ours; an empty or absent folder is fine."""
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out}: expected a folder, found a file; give another one")
+    others = sorted(item.name for item in out.glob("*") if item.name not in OURS) if out.is_dir() else []
+    others = [name for name in others if not name.startswith(atomic.PREFIX)]
+    if others:
+        raise InputError(f"--out {out}: not empty and not a model's folder (found {others[0]}); give a new folder")
+
+
+def was_made_from(folder: Path, identity: str) -> bool:
+    """Tell whether ``folder`` holds the finished model of a training."""
+    path = folder / DESCRIPTION
+    return path.is_file() and read_json(path).get("identity") == identity
+
+
+def save_model(folder: Path, model: Model, identity: str = "") -> None:
+    """Write a MODEL folder, model.json last, and take the checkpoint away; ``identity`` names the training.
+
+    Raises StoreError where the disk refuses.
+    """
     assert isinstance(model.network, nn.Module)
     with atomic.disk_errors(folder), atomic.new_folder(folder) as beside:
         tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in model.network.state_dict().items()}
@@ -56,7 +79,9 @@ def save_model(folder: Path, model: Model) -> None:
         for name in (WEIGHTS, "puppet.npz"):
             atomic.flush(beside / name)
             (beside / name).replace(folder / name)
-    atomic.write_text(folder / DESCRIPTION, json.dumps(_described(model), indent=1, sort_keys=True) + "\n")
+    description = {**_described(model), "identity": identity}
+    atomic.write_text(folder / DESCRIPTION, json.dumps(description, indent=1, sort_keys=True) + "\n")
+    (folder / CHECKPOINT).unlink(missing_ok=True)
 
 
 def load_model(folder: Path, puppet: Puppet | None = None) -> Model:

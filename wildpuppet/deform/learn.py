@@ -8,7 +8,7 @@ from its checkpoint to exactly the weights that an unbroken one reaches.
 
 import hashlib
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +38,8 @@ BIAS_RATE = 0.1
 DISTIL_WEIGHT = 1.0e5
 """Makes the first phase's loss as large as the second's: Adam's steps would leap where gradients suddenly grow."""
 COLUMNS = (*TERMS, "distil")
+Tell = Callable[[int, int, dict[str, float]], None]
+"""Called as tell(done, total, losses of this step before weighting)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +73,7 @@ def learn(
     fit: FitSettings,
     machine: Machine,
     checkpoint: Path | None = None,
+    tell: Tell | None = None,
 ) -> Trained:
     """Train on the distinct drawings in which the character is not lost.
 
@@ -84,7 +87,7 @@ def learn(
         lesson = _lesson(puppet, crops, poses, train)
         network = new_network(objective.base, crops.size, train).to(device)
         optimizer = _adam(network, train)
-        losses = _run(network, optimizer, objective, lesson, train, fit, machine, checkpoint)
+        losses = _run(network, optimizer, objective, lesson, train, fit, machine, checkpoint, tell)
     weights = {name: tensor.detach().cpu().numpy() for name, tensor in network.state_dict().items()}
     return Trained(weights, {name: losses[:, column].numpy() for column, name in enumerate(COLUMNS)})
 
@@ -174,6 +177,7 @@ def _run(
     fit: FitSettings,
     machine: Machine,
     checkpoint: Path | None,
+    tell: Tell | None,
 ) -> Float[Tensor, "S K"]:
     """Take the steps that are left; the losses of all steps."""
     identity = _identity(network, lesson, train, fit)
@@ -191,6 +195,8 @@ def _run(
             save_checkpoint(checkpoint, network, optimizer, Progress(step + 1, progress.losses), identity)
             saved = time.monotonic()
         machine.progress(step + 1, train.iterations)
+        if tell:
+            tell(step + 1, train.iterations, dict(zip(COLUMNS, row.tolist(), strict=True)))
     return progress.losses
 
 

@@ -32,6 +32,7 @@ BENDS = 2
 FREE = 0.25
 """Standard deviation of what the fits never do, as a share of that of made-up poses. Less ties limbs together more:
 dragging one then moves the others as they moved in the fits (measured: 0.25 and 0.1 alike, 1 worse by a sixth)."""
+LEAST_FRAMES = 4
 MOST_BACKGROUNDS = 24
 FINER = 2
 """Real pictures are kept so much larger than the encoder sees them, so that moving them does not blur them."""
@@ -63,12 +64,17 @@ class Lesson:
 
 
 def taught_frames(crops: Crops, fit: Fit, hold_out: Int[np.ndarray, "n"]) -> Int[np.ndarray, "D"]:
-    """Choose the frames to learn from: fitted ones that show a drawing first, and no frame of a held-out drawing."""
+    """Choose the frames to learn from, each drawing once, none that a held-out frame shows.
+
+    Doubtful fits count (by their confidence) only where fewer than ``LEAST_FRAMES`` are better.
+    """
     is_out = np.isin(crops.drawing, crops.drawing[np.isin(crops.frames, hold_out)])
-    is_good = np.array([state == "fitted" for state in fit.state]) & ~is_out
-    is_good &= np.isfinite(fit.vertices_crop).all((1, 2))
-    rows = np.flatnonzero(is_good)
-    _, first = np.unique(crops.drawing[rows], return_index=True)
+    is_whole = np.isfinite(fit.vertices_crop).all((1, 2)) & ~is_out
+    for states in (("fitted",), ("fitted", "doubtful")):
+        rows = np.flatnonzero(is_whole & np.isin(fit.state, states))
+        _, first = np.unique(crops.drawing[rows], return_index=True)
+        if len(first) >= LEAST_FRAMES:
+            break
     return np.sort(rows[first])
 
 

@@ -126,8 +126,7 @@ def draw(
 
 def _background(studio: Studio, random: np.random.Generator) -> Float[np.ndarray, "h w 3"]:
     """One of the backgrounds, mirrored and magnified by up to a half at random."""
-    number = random.integers(len(studio.backgrounds))
-    behind: np.ndarray = studio.backgrounds[number].astype(np.float32)
+    behind = np.asarray(studio.backgrounds[random.integers(len(studio.backgrounds))], np.float32)
     if studio.is_on_paper:
         return behind
     if random.random() < 0.5:
@@ -147,14 +146,14 @@ def _background(studio: Studio, random: np.random.Generator) -> Float[np.ndarray
 def _occlude(picture: Float[np.ndarray, "h w 3"], studio: Studio, random: np.random.Generator) -> None:
     """Lay a turned ellipse of one colour or of background over the picture."""
     width, height = studio.size
-    paint: np.ndarray = np.broadcast_to(random.uniform(0, 255, 3), picture.shape)
-    if random.random() < 0.6:
-        paint = _background(studio, random)
     centre = (int(random.integers(width)), int(random.integers(height)))
-    axes = tuple(int(side) for side in random.uniform(0.04, 0.16, 2) * max(width, height))
+    across, along = (int(side) for side in random.uniform(0.04, 0.16, 2) * max(width, height))
     mask = np.zeros((height, width), np.uint8)
-    cv2.ellipse(mask, centre, axes, float(random.uniform(0, 180)), 0, 360, 255, -1)
-    picture[mask > 0] = paint[mask > 0]
+    cv2.ellipse(mask, centre, (across, along), float(random.uniform(0, 180)), 0, 360, (255,), -1)
+    if random.random() < 0.6:
+        picture[mask > 0] = _background(studio, random)[mask > 0]
+    else:
+        picture[mask > 0] = random.uniform(0, 255, 3)
 
 
 def in_light(
