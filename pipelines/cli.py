@@ -24,6 +24,7 @@ COMMANDS = {
     "export": ("export", "write a run in the formats of other programs"),
     "paint": ("paint", "draw every frame with a texture that was painted on once"),
     "formats": ("formats", "list those formats: what opens them, how exact they are"),
+    "refine": ("refine", "draw every frame of a run as it would have been drawn"),
     "inbetween": ("inbetween", "draw frames between two frames of a run, at any size"),
     "retarget": ("retarget", "put the motion of a run on another puppet"),
     "status": ("status", "say for each stage whether it is kept or would run, and why"),
