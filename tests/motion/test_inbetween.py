@@ -4,7 +4,18 @@ import pytest
 from tests.motion.dolls import ELBOW, HAND, arm, figure, run_of
 from wildpuppet.motion.bones import bone_tree_of, bones_of, posed
 from wildpuppet.motion.curves import Times, bulge, chord, fitted_strength
-from wildpuppet.motion.inbetween import KINDS, METHODS, Codes, Keys, Method, between, even_shares, keys_of, strengths_of
+from wildpuppet.motion.inbetween import (
+    KINDS,
+    METHODS,
+    Codes,
+    Keys,
+    Method,
+    between,
+    even_shares,
+    keys_of,
+    strengths_of,
+    with_winding,
+)
 from wildpuppet.motion.passages import drawings_of, passages
 
 EXACT = 1e-6
@@ -96,6 +107,22 @@ def test_turns_along_a_curve_are_learnt_from_the_run() -> None:
     found = {method: between(tree, keys, np.array([0.5]), method, strengths)[0] for method in ("ours", "hinges")}
     error = {method: np.linalg.norm(pose - poses[8], axis=1).mean() for method, pose in found.items()}
     assert error["ours"] < 0.25 * error["hinges"]
+
+
+def test_a_limb_turns_the_way_the_run_has_it_turn() -> None:
+    """It swings to and fro through 0; between its ends at +110 and -110 degrees the short way is the wrong one."""
+    doll, far = arm(), np.radians(110)
+    poses = np.stack([doll.posed({"lower": far * np.cos(np.pi * t / 6)}) for t in range(13)])
+    drawings, tree = drawings_of(*run_of(doll, poses, (300, 300))), bone_tree_of(doll.puppet)
+    keys = keys_of(drawings, 0, 6)
+    short, right = (
+        between(tree, each, np.array([0.5]), "hinges")[0] for each in (keys, with_winding(tree, drawings, keys))
+    )
+    away = [
+        np.linalg.norm(pose - pose.mean(0) - (poses[3] - poses[3].mean(0)), axis=1).max() for pose in (short, right)
+    ]
+    assert away[1] < EXACT
+    assert away[0] > 50.0
 
 
 def test_a_passage_ends_where_the_puppet_jumps() -> None:

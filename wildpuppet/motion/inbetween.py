@@ -12,7 +12,7 @@ All of them give the two poses themselves at both ends.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -29,6 +29,8 @@ METHODS: tuple[Method, ...] = ("ours", "hinges", "arap", "linear", "code")
 KINDS = tuple(field.name for field in fields(Bones))
 PRIOR = 0.75
 """Strength of the curves where a run in order has few drawings to learn from."""
+FAR, UNSEEN, SEEN = np.pi / 2.0, np.pi / 4.0, np.pi / 9.0
+"""A turn that may go either way (90 degrees); how far from all that is seen (45) and how near to it (20) is telling."""
 MOST_CASES = 64
 """Drawings that the strengths are learnt from, evenly spread."""
 
@@ -43,6 +45,8 @@ class Keys:
 
     times: Times
     vertices: Float[np.ndarray, "4 V 2"]
+    winding: Float[np.ndarray, "L"] | None = None
+    """What is added to each part's turn from the first to the last key, which is the short way: whole turns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +71,26 @@ def keys_of(drawings: Drawings, first: int, last: int) -> Keys:
     )
     rows = [before if has[0] else first, first, last, after if has[1] else last]
     return Keys(times, drawings.vertices[rows])
+
+
+def with_winding(tree: BoneTree, drawings: Drawings, keys: Keys, closed: Int[np.ndarray, "n"] | None = None) -> Keys:
+    """Let parts that turn far go the way that the run's drawings have them turn.
+
+    A part goes the long way round where halfway along the short way it would be farther than ``UNSEEN`` from every
+    turn that the drawings show, and halfway along the long way nearer than ``SEEN`` to one: legs do not swing
+    overhead. ``closed`` drawings are not looked at.
+    """
+    bones = unwound(bones_of(tree, keys.vertices[1:3]))
+    turn = bones.turns[1] - bones.turns[0]
+    if not (np.abs(turn) > FAR).any():
+        return keys
+    known = np.delete(drawings.vertices, [] if closed is None else closed, axis=0)
+    seen = bones_of(tree, known).turns
+    middle = (bones.turns[0] + bones.turns[1]) / 2.0
+    short = np.abs(wrapped(seen - middle)).min(0)
+    long = np.abs(wrapped(seen - middle - np.pi)).min(0)
+    goes_long = (np.abs(turn) > FAR) & (short > UNSEEN) & (long < SEEN)
+    return replace(keys, winding=np.where(goes_long, -np.sign(turn) * 2.0 * np.pi, 0.0))
 
 
 def even_shares(count: int) -> Float[np.ndarray, "N"]:
@@ -95,6 +119,8 @@ def between(
     if method == "code":
         return _by_codes(keys, shares, codes)
     bones = unwound(bones_of(tree, keys.vertices))
+    if keys.winding is not None:
+        bones = replace(bones, turns=bones.turns + np.array([0.0, 0.0, 1.0, 1.0])[:, None] * keys.winding)
     wanted = (strengths or {}) if method == "ours" else {}
     return posed(tree, _along(bones, keys.times, shares, wanted))
 

@@ -34,7 +34,7 @@ from wildpuppet.geometry.affine import apply
 from wildpuppet.machine import Progress, silent
 from wildpuppet.motion.bones import BoneTree, bone_tree_of
 from wildpuppet.motion.draw_order import orders_between
-from wildpuppet.motion.inbetween import Codes, Method, between, keys_of, strengths_of
+from wildpuppet.motion.inbetween import Codes, Method, between, keys_of, strengths_of, with_winding
 from wildpuppet.motion.lines import chamfer, drawn_on_white, lines_of
 from wildpuppet.motion.passages import Drawings, drawings_of, passages
 from wildpuppet.motion.through_points import posed_by_points
@@ -108,7 +108,7 @@ def predictions(
 ) -> dict[str, Float[np.ndarray, "V 2"]]:
     """Predict drawing ``k`` from the others by each method."""
     rest = without(drawings, k)
-    keys = keys_of(rest, k - 1, k)
+    keys = with_winding(tree, rest, keys_of(rest, k - 1, k))
     share = np.array([(drawings.times[k] - keys.times.first) / (keys.times.last - keys.times.first)])
     strengths = strengths_of(tree, rest, k - 1, k)
     codes = codes_of(int(keys.times.first), int(keys.times.last)) if codes_of and "code" in methods else None

@@ -14,7 +14,7 @@ from wildpuppet.geometry.affine import apply
 from wildpuppet.motion.bones import bone_tree_of
 from wildpuppet.motion.curves import Times
 from wildpuppet.motion.draw_order import orders_between
-from wildpuppet.motion.inbetween import Codes, Keys, Method, between, even_shares, keys_of, strengths_of
+from wildpuppet.motion.inbetween import Codes, Keys, Method, between, even_shares, keys_of, strengths_of, with_winding
 from wildpuppet.motion.passages import Drawings, drawings_of
 from wildpuppet.recut import run_crops
 from wildpuppet.remake.pictures import framed, read_pair
@@ -66,7 +66,7 @@ def inbetweens_of_run(
     drawings = drawings_of(run.crops, run.fit, frames)
     low, high = (int(np.flatnonzero(drawings.rows == row)[0]) for row in sorted((first, last)))
     tree = bone_tree_of(run.puppet)
-    keys = keys_of(drawings, low, high)
+    keys = with_winding(tree, drawings, keys_of(drawings, low, high), np.arange(low + 1, high))
     strengths = strengths_of(tree, drawings, low, high) if method == "ours" else None
     codes = None
     if method == "code":
