@@ -95,7 +95,7 @@ class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     angles: Annotated[int, Meta(ge=8, le=120)] = 36
     """Rotations of a full turn that are tried."""
     num_best: Annotated[int, Meta(ge=1, le=64)] = 8
-    """Hypotheses kept per frame."""
+    """Hypotheses kept per frame, beside those in which twin limbs trade places."""
     colours: Annotated[int, Meta(ge=2, le=64)] = 20
     """Palette size of the part templates. Higher tells similar shades apart and costs time."""
     hinge_slack: Positive = 0.03

@@ -19,6 +19,7 @@ from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
 from wildpuppet.pose.place import pose_vertices, size_of
 from wildpuppet.pose.search import search, size_after
+from wildpuppet.pose.twins import MOST_TRADES
 from wildpuppet.puppet.build import build
 from wildpuppet.settings import PuppetSettings, SearchSettings
 from wildpuppet.types import Crops, Hypotheses, Puppet
@@ -75,7 +76,7 @@ def test_poses_are_found(kind, frames):
 
 def check_form(found: Hypotheses, num_frames: int, num_layers: int) -> None:
     """Best first; distinct poses; every order a permutation; all layers of one size."""
-    assert found.cost.shape == (num_frames, COARSE.num_best)
+    assert found.cost.shape == (num_frames, COARSE.num_best + MOST_TRADES)
     finite = np.where(np.isfinite(found.cost), found.cost, 1e9)
     assert (np.diff(finite, axis=1) >= 0).all()
     assert (np.sort(found.order, -1) == np.arange(num_layers)).all()

@@ -5,14 +5,16 @@ the composite (``evidence.unexplained_cost``: one explanation per pixel), and th
 programme itself offers as second and third choices, plus explicit swaps of limbs that look alike.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from wildpuppet.pose.dynamic import Solution, State, child_modes, descend, root_modes
 from wildpuppet.pose.tree import Tree
+from wildpuppet.pose.twins import Pair, limb_heads, main_pairs
 
 
 @dataclass(frozen=True)
@@ -23,8 +25,19 @@ class Candidate:
     order: tuple[int, ...]
 
 
-Rehang = Callable[[Candidate, int, Sequence[int], int], list[Candidate]]
-"""``rehang(pose, head, free, num)``: the ``num`` best poses of the limb at ``head``, the parts ``free`` not there."""
+@runtime_checkable
+class Rehang(Protocol):
+    """Find the ``num`` best poses of the limb at ``head``, the parts ``free`` not there; ``reach`` keeps it near."""
+
+    def __call__(
+        self, candidate: Candidate, head: int, free: Sequence[int], num: int, reach: Mapping[int, int] | None = None, /
+    ) -> list[Candidate]:
+        """Give them best first."""
+        ...
+
+
+Exchanged = Callable[[Candidate, list[Pair]], float]
+"""Cost of a pose with the colours of pairs of twins exchanged, their price included; inf where they are alike."""
 Judge = Callable[[list[Candidate]], Float[np.ndarray, "B"]]
 """Costs of whole poses, lower is better."""
 
@@ -33,7 +46,8 @@ def best_candidates(
     solution: Solution,
     judge: Judge,
     rehang: Rehang,
-    twins: list[tuple[tuple[int, ...], tuple[int, ...]]],
+    exchanged: Exchanged,
+    twins: list[Pair],
     starts: list[Candidate],
     num_best: int,
     rounds: int = 2,
@@ -60,8 +74,17 @@ def best_candidates(
         top = min(pool, key=pool.__getitem__)
         consider(list(_reorders(solution.tree, top)))
     _rehang_limbs(solution.tree, rehang, twins, pool, consider)
+    renamed = _renamed(solution, min(pool, key=pool.__getitem__), rehang, exchanged, twins)
+    if renamed is not None:
+        cost, candidate = renamed
+        pool[candidate] = min(cost, pool.get(candidate, cost))
     ranked = sorted(pool, key=pool.__getitem__)
-    return _distinct([(pool[c], c) for c in ranked], num_best, len(solution.templates.radians))
+    num_angles = len(solution.templates.radians)
+    best = _distinct([(pool[c], c) for c in ranked], num_best, num_angles)
+    traded = _traded(solution, best[0][1], rehang, main_pairs(solution.tree, twins))
+    consider(traded)
+    new = [(pool[c], c) for c in traded if all(_differs(c, other, num_angles) for _, other in best)]
+    return sorted(best + new, key=lambda entry: entry[0])
 
 
 SWEEPS = 2
@@ -71,7 +94,7 @@ SWEEPS = 2
 def _rehang_limbs(
     tree: Tree,
     rehang: Rehang,
-    twins: list[tuple[tuple[int, ...], tuple[int, ...]]],
+    twins: list[Pair],
     pool: dict[Candidate, float],
     consider: Callable[[list[Candidate]], None],
 ) -> None:
@@ -80,7 +103,7 @@ def _rehang_limbs(
     sisters = [pair for pair in twins if parents[pair[0][0]] == parents[pair[1][0]]]
     for _ in range(SWEEPS):
         before = min(pool.values())
-        for head in _limb_heads(tree):
+        for head in limb_heads(tree):
             top = min(pool, key=pool.__getitem__)
             consider(rehang(top, head, tree.below(head), 2))
         for pair in sisters:
@@ -92,10 +115,52 @@ def _rehang_limbs(
             break
 
 
-def _limb_heads(tree: Tree) -> list[int]:
-    """List where limbs begin: a part of a chain goes with the chain's first, unless that hangs from a fork."""
-    forks = {edge.parent for edge in tree.edges if len(tree.children(edge.parent)) > 1} | {tree.root}
-    return [edge.child for edge in tree.edges if edge.parent in forks]
+def _renamed(
+    solution: Solution,
+    top: Candidate,
+    rehang: Rehang,
+    exchanged: Exchanged,
+    twins: list[Pair],
+) -> tuple[float, Candidate] | None:
+    """Trade the twins whose exchanged colours explain the frame better; the pose costs what it does in those."""
+    traded: list[Pair] = []
+    cost = exchanged(top, traded)
+    for pair in twins:
+        if any({*pair[0], *pair[1]} & {*first, *second} for first, second in traded):
+            continue
+        other = exchanged(top, [*traded, pair])
+        if other < cost:
+            traded, cost = [*traded, pair], other
+    if not traded:
+        return None
+    for pair in traded:
+        top = _settled(solution, top, rehang, pair)
+    return cost, top
+
+
+def _traded(
+    solution: Solution,
+    top: Candidate,
+    rehang: Rehang,
+    pairs: list[Pair],
+) -> list[Candidate]:
+    """Trade each pair of limbs, and the two largest pairs at once; each limb then settles where the other left."""
+    settled = [_settled(solution, top, rehang, pair) for pair in pairs]
+    if len(pairs) > 1:
+        settled.append(_settled(solution, settled[0], rehang, pairs[1]))
+    return settled
+
+
+def _settled(solution: Solution, candidate: Candidate, rehang: Rehang, pair: Pair) -> Candidate:
+    """Trade a pair and hang both limbs anew, each nearer to its twin's old place than to its own."""
+    reach = {}
+    for a, b in zip(*pair, strict=True):
+        apart = int(np.abs(np.array(candidate.states[a][1:]) - np.array(candidate.states[b][1:])).max())
+        reach[a] = reach[b] = min(_trade_reach(solution), max(1, (apart - 1) // 2))
+    traded = _swapped(solution, candidate, pair, reach)
+    for limb in pair:
+        traded = rehang(traded, limb[0], limb, 1, reach)[0]
+    return traded
 
 
 def spring_cost(solution: Solution, states: Int[np.ndarray, "B L 3"]) -> Float[np.ndarray, "B"]:
@@ -126,27 +191,35 @@ def _limb_moves(solution: Solution, candidate: Candidate) -> Iterator[Candidate]
             yield Candidate(tuple(states[layer] for layer in range(len(states))), candidate.order)
 
 
-def _swaps(
-    solution: Solution, candidate: Candidate, twins: list[tuple[tuple[int, ...], tuple[int, ...]]]
-) -> Iterator[Candidate]:
+def _swaps(solution: Solution, candidate: Candidate, twins: list[Pair]) -> Iterator[Candidate]:
     """Let two limbs that look alike trade places: each part goes near where its twin was, as its picture fits best."""
-    for first, second in twins:
-        states = dict(enumerate(candidate.states))
-        for mine, other in ((first, second), (second, first)):
-            for layer, model in zip(mine, other, strict=True):
-                states[layer] = _in_place_of(solution, layer, states, candidate.states[model])
-        yield Candidate(tuple(states[layer] for layer in range(len(states))), candidate.order)
+    for pair in twins:
+        reach = dict.fromkeys((*pair[0], *pair[1]), _trade_reach(solution))
+        yield _swapped(solution, candidate, pair, reach)
+
+
+def _swapped(solution: Solution, candidate: Candidate, pair: Pair, reach: Mapping[int, int]) -> Candidate:
+    states = dict(enumerate(candidate.states))
+    for mine, other in (pair, pair[::-1]):
+        for layer, model in zip(mine, other, strict=True):
+            states[layer] = _in_place_of(solution, layer, states, candidate.states[model], reach[layer])
+    return Candidate(tuple(states[layer] for layer in range(len(states))), candidate.order)
 
 
 TRADE_REACH = 0.08
 """How far from its twin's place a part may lie, as a share of the search window's larger side."""
 
 
-def _in_place_of(solution: Solution, layer: int, states: dict[int, State], model: State) -> State:
+def _trade_reach(solution: Solution) -> int:
+    """Give that reach in search pixels."""
+    height, width = (int(side) for side in solution.unary[0].shape[1:])
+    return max(2, round(TRADE_REACH * max(height, width)))
+
+
+def _in_place_of(solution: Solution, layer: int, states: dict[int, State], model: State, reach: int) -> State:
     """Find the best state of ``layer`` near ``model``'s place: its picture and the hinge to its parent's new place."""
     link, costs = solution.links[layer], solution.unary[layer]
     num_angles, height, width = costs.shape
-    reach = max(2, round(TRADE_REACH * max(height, width)))
     rows = np.arange(max(0, model[2] - reach), min(height, model[2] + reach + 1))
     columns = np.arange(max(0, model[1] - reach), min(width, model[1] + reach + 1))
     parent = states[link.edge.parent]
@@ -186,25 +259,3 @@ def _differs(a: Candidate, b: Candidate, num_angles: int) -> bool:
     first, second = np.array(a.states), np.array(b.states)
     turn = (first[:, 0] - second[:, 0] + num_angles // 2) % num_angles - num_angles // 2
     return bool((np.abs(turn) > num_angles // 12).any() or (np.abs(first[:, 1:] - second[:, 1:]) > 4).any())
-
-
-ALIKE = 25.0
-"""Largest distance in Lab between the mean colours of parts that can be taken for one another."""
-
-
-def twin_limbs(
-    tree: Tree, areas: Float[np.ndarray, "L"], colours: Float[np.ndarray, "L 3"]
-) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """Pair limbs of as many parts, of about the same sizes and colours (Lab) one by one: a left and a right one."""
-    heads = [edge.child for edge in tree.edges]
-    pairs = []
-    for i, first in enumerate(heads):
-        for second in heads[i + 1 :]:
-            a, b = tree.below(first), tree.below(second)
-            if len(a) != len(b) or first in b or second in a:
-                continue
-            ratio = areas[list(a)] / np.maximum(areas[list(b)], 1e-6)
-            apart = np.linalg.norm(colours[list(a)] - colours[list(b)], axis=1)
-            if ((ratio > 0.5) & (ratio < 2.0)).all() and (apart < ALIKE).all():
-                pairs.append((a, b))
-    return pairs

@@ -7,7 +7,7 @@ limb's best poses under these gains, by the same dynamic programme, have the com
 descent; exact but for the palette's rounding and for parts of the limb that cover each other).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,10 +72,12 @@ def hung_anew(
     head: int,
     free: Sequence[int],
     num: int,
+    reach: Mapping[int, int] | None = None,
 ) -> list[States]:
     """Find the ``num`` best poses of the limb that hangs from ``head``; ``vertices`` draw ``states`` (search pixels).
 
-    The parts ``free`` (the limb's own among them) count as not there: their pixels are open to the limb.
+    The parts ``free`` (the limb's own among them) count as not there: their pixels are open to the limb. With
+    ``reach``, each part stays within as many pixels of where it is.
     """
     limb = solution.tree.below(head)
     parent = solution.links[head].edge.parent
@@ -83,6 +85,8 @@ def hung_anew(
     accumulated = list(solution.accumulated)
     for layer in limb:
         accumulated[layer] = _gains(picture, solution, order, vertices, layer, free, window)
+        if reach is not None:
+            accumulated[layer] += _away(states[layer], window, reach[layer])
     for edge in reversed(solution.tree.edges):
         if edge.parent in limb:
             send(accumulated, solution.links[edge.child], solution.turn)
@@ -96,6 +100,16 @@ def hung_anew(
         placed = {layer: (a, x + window.left, y + window.top) for layer, (a, x, y) in moved.items()}
         found.append(tuple(placed.get(layer, state) for layer, state in enumerate(states)))
     return found
+
+
+AWAY = 10.0
+"""Cost of a place that a part may not take."""
+
+
+def _away(state: State, window: Window, reach: int) -> Float[np.ndarray, "h w"]:
+    rows = np.abs(np.arange(window.top, window.bottom) - state[2]) > reach
+    columns = np.abs(np.arange(window.left, window.right) - state[1]) > reach
+    return np.where(rows[:, None] | columns, np.float32(AWAY), np.float32(0))
 
 
 def _window(solution: Solution, parent: State, head: int) -> Window:

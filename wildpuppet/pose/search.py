@@ -6,7 +6,7 @@ before: neighbouring sizes are tried on the best pose, and the templates of the 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,7 +17,8 @@ from wildpuppet.machine import Machine
 from wildpuppet.pose import evidence as ev
 from wildpuppet.pose import kernels
 from wildpuppet.pose.dynamic import Springs, State, pull_table, solve
-from wildpuppet.pose.moves import Candidate, best_candidates, spring_cost, twin_limbs
+from wildpuppet.pose.exchange import PRICE, exchange_colours, told_apart
+from wildpuppet.pose.moves import Candidate, best_candidates, spring_cost
 from wildpuppet.pose.place import pose_vertices, rest_box, size_of
 from wildpuppet.pose.pull import Pull
 from wildpuppet.pose.rehang import Picture, hung_anew
@@ -30,6 +31,7 @@ from wildpuppet.pose.templates import (
     part_images,
 )
 from wildpuppet.pose.tree import Tree, part_areas, tree_of
+from wildpuppet.pose.twins import MOST_TRADES, Pair, twin_limbs
 from wildpuppet.render.render import Mesh, mesh_of
 from wildpuppet.render.texture import Texture, texture_at
 from wildpuppet.settings import SearchSettings
@@ -51,7 +53,8 @@ class Searcher:
     images: tuple[PartImage, ...] = field(init=False)
     tree: Tree = field(init=False)
     mesh: Mesh = field(init=False)
-    twins: list[tuple[tuple[int, ...], tuple[int, ...]]] = field(init=False)
+    colours: Float[np.ndarray, "L 3"] = field(init=False)
+    twins: list[Pair] = field(init=False)
     palette: Float[np.ndarray, "C 3"] | None = None
     of_size: dict[int, tuple[Templates, Texture]] = field(default_factory=dict)
 
@@ -59,7 +62,8 @@ class Searcher:
         self.images = part_images(self.puppet)
         self.tree = tree_of(self.puppet)
         self.mesh = mesh_of(self.puppet)
-        self.twins = twin_limbs(self.tree, part_areas(self.puppet), mean_colours(self.images))
+        self.colours = mean_colours(self.images)
+        self.twins = twin_limbs(self.tree, part_areas(self.puppet), self.colours)
 
     def size_step(self, crop_scale: float) -> int:
         """Round a size (crop pixels per canvas pixel) to its step."""
@@ -198,7 +202,7 @@ def _search_one(
     solution = solve(unary, searcher.tree, searcher.images, templates, springs)
     unit = float(part_weight.sum() / templates.area.sum())
 
-    def judge(candidates: list[Candidate]) -> Float[np.ndarray, "B"]:
+    def judge(candidates: list[Candidate], texture: Texture = texture) -> Float[np.ndarray, "B"]:
         poses = np.stack([_maps_of(searcher, templates, c.states) for c in candidates])
         vertices = pose_vertices(searcher.puppet, poses)
         order = np.array([c.order for c in candidates])
@@ -211,13 +215,23 @@ def _search_one(
 
     picture = Picture(evidence, wrong, searcher.mesh, texture, unit, pulled)
 
-    def rehang(candidate: Candidate, head: int, free: Sequence[int], num: int) -> list[Candidate]:
+    def rehang(
+        candidate: Candidate, head: int, free: Sequence[int], num: int, reach: Mapping[int, int] | None = None
+    ) -> list[Candidate]:
         vertices = pose_vertices(searcher.puppet, _maps_of(searcher, templates, candidate.states)[None])[0]
-        found = hung_anew(picture, solution, candidate.states, candidate.order, vertices, head, free, num)
+        found = hung_anew(picture, solution, candidate.states, candidate.order, vertices, head, free, num, reach)
         return [Candidate(states, candidate.order) for states in found]
 
+    def exchanged(candidate: Candidate, pairs: list[Pair]) -> float:
+        if not pairs:
+            return float(judge([candidate])[0])
+        if not told_apart(pairs[-1:], searcher.colours):
+            return np.inf
+        worn = exchange_colours(texture, searcher.puppet, pairs, searcher.colours)
+        return float(judge([candidate], worn)[0]) + PRICE * len(pairs)
+
     seeds = [_nearest_candidate(searcher, templates, evidence, m, o) for m, o in starts]
-    best = best_candidates(solution, judge, rehang, searcher.twins, seeds, searcher.settings.num_best)
+    best = best_candidates(solution, judge, rehang, exchanged, searcher.twins, seeds, searcher.settings.num_best)
     if not fixed_size:
         step = _better_size(searcher, evidence, best[0][1], templates, step, expected)
     return (*_hypotheses(searcher, templates, best), step)
@@ -284,7 +298,7 @@ def _hypotheses(
     searcher: Searcher, templates: Templates, best: list[tuple[float, Candidate]]
 ) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]:
     """Bring poses to crop pixels and fill up to N with the last at infinite cost."""
-    missing = searcher.settings.num_best - len(best)
+    missing = searcher.settings.num_best + MOST_TRADES - len(best)
     maps = np.stack([_maps_of(searcher, templates, c.states) for _, c in best]) / searcher.search_from_crop
     order = np.array([c.order for _, c in best])
     cost = np.array([value for value, _ in best])
