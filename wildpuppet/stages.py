@@ -158,8 +158,10 @@ def _keyframes(hypotheses: Hypotheses, followed: list[Followed], machine: Machin
 
 def _choose(puppet: Puppet, crops: Crops, hypotheses: Hypotheses, settings: SearchSettings, machine: Machine) -> Poses:
     from wildpuppet.pose.choose import choose
+    from wildpuppet.pose.hidden import follow_hidden
 
-    return choose(puppet, crops, hypotheses, settings, machine)
+    poses = choose(puppet, crops, hypotheses, settings, machine)
+    return follow_hidden(puppet, crops, hypotheses, poses, settings)
 
 
 def _rest(puppet: Puppet, crops: Crops, placement: Float[np.ndarray, "2 3"], machine: Machine) -> Poses:
@@ -295,13 +297,13 @@ KEYFRAMES_PART = Stage(
     "keyframes.part", SEARCH_PART.version, ("search",), _keyframes_part, disk.save_followed, disk.load_followed
 )
 KEYFRAMES = Stage("keyframes", 1, (), _keyframes, disk.save_hypotheses, disk.load_hypotheses)
-CHOOSE = Stage("choose", 1, ("search",), _choose, disk.save_poses, disk.load_poses)
+CHOOSE = Stage("choose", 2, ("search",), _choose, disk.save_poses, disk.load_poses)
 REST = Stage("rest", 1, (), _rest, disk.save_poses, disk.load_poses)
 FIT_PART = Stage("fit.part", 3, ("fit",), _fit_part, disk.save_fit, disk.load_fit)
 FIT_KEYED = Stage("fit.keyed", FIT_PART.version, ("fit",), _fit_keyed, disk.save_fit, disk.load_fit)
 FIT = Stage("fit", 1, (), _fit, disk.save_fit, disk.load_fit)
 TRAIN = Stage("train", 2, ("train", "fit"), _train, disk.save_fit, disk.load_fit, has_checkpoint=True)
-CONFIDENCE = Stage("confidence", 1, (), _confidence, disk.save_fit, disk.load_fit)
+CONFIDENCE = Stage("confidence", 2, (), _confidence, disk.save_fit, disk.load_fit)
 REUSE = Stage("reuse", 1, ("crop",), _reuse, disk.save_numbers, disk.load_numbers)
 EXPOSURE = Stage("exposure", 1, (), _exposure, disk.save_files, disk.load_folder)
 MESHES = Stage("meshes", 1, ("out",), _meshes, disk.save_files, disk.load_folder)

@@ -15,9 +15,6 @@ from wildpuppet.errors import InputError
 from wildpuppet.geometry.affine import apply
 from wildpuppet.types import Crops, Fit, PointTracks, Puppet
 
-HIDDEN_SHARE = 0.5
-"""Confidence kept by a point that is covered in a frame: its place is inferred from its part, not seen."""
-
 
 def carry(
     puppet: Puppet,
@@ -42,7 +39,7 @@ def carry(
     carried = anchors.mix(vertices_video)
     carried[index] = points  # the given frame is given, not computed
     seen = _seen(puppet, fit, vertices_video, carried, anchors, size)
-    return PointTracks(fit.frames, carried, seen, _confidence(puppet, fit, vertices_video[index], anchors, seen))
+    return PointTracks(fit.frames, carried, seen, _confidence(puppet, fit, vertices_video[index], anchors))
 
 
 def frame_index(fit: Fit, frame: int) -> int:
@@ -77,13 +74,12 @@ def _confidence(
     fit: Fit,
     vertices: Float[np.ndarray, "V 2"],
     anchors: Anchors,
-    seen: Bool[np.ndarray, "T N"],
 ) -> Float[np.ndarray, "T N"]:
-    """Mix the vertices' confidence; less for points that are hidden or beside the mesh."""
+    """Mix the vertices' confidence, which knows of what is hidden; less for points beside the mesh."""
     inside = np.clip(np.nan_to_num(anchors.weights), 0.0, None)
     inside /= np.maximum(inside.sum(1, keepdims=True), 1e-12)
     mixed = np.einsum("tnk,nk->tn", fit.confidence[:, anchors.corners].astype(np.float64), inside)
-    mixed *= np.where(seen, 1.0, HIDDEN_SHARE) / (1.0 + anchors.outside / _edge_length(puppet.triangles, vertices))
+    mixed /= 1.0 + anchors.outside / _edge_length(puppet.triangles, vertices)
     mixed[_lost(fit)] = 0.0
     return np.asarray(np.clip(mixed, 0.0, 1.0))
 

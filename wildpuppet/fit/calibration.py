@@ -8,21 +8,18 @@ from jaxtyping import Float
 
 from wildpuppet.fit.signs import NAMES
 
-BIAS = -2.935
+BIAS = -2.716
 WEIGHTS = {
-    "worth": 1.47,
-    "worth_of_part": 2.18,
-    "agreement": 0.09,
-    "agreement_of_part": 0.56,
-    "agreement_of_all": 3.46,
-    "explained": 5.17,
-    "explained_by_part": 6.23,
-    "seen": 0.92,
+    "worth": 1.44,
+    "worth_of_part": 2.55,
+    "agreement_of_part": 0.78,
+    "agreement_of_all": 2.52,
+    "explained": 6.62,
+    "explained_by_part": 6.48,
+    "seen": 1.01,
     "seen_of_part": 1.30,
-    "margin": 2.29,
-    "closed": 0.0,
-    "near": 0.0,
-    "steady": 11.38,
+    "margin": 1.93,
+    "steady": 8.12,
 }
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from wildpuppet.fit.calibration import probability
-from wildpuppet.fit.signs import HIGH, LOW, NAMES, closed_of, margin_of, picture_signs
+from wildpuppet.fit.signs import HIGH, LOW, NAMES, margin_of, picture_signs
 from wildpuppet.fit.witness import Witness, size_in
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
@@ -50,7 +50,6 @@ def signs_of(
             poses.crop_from_canvas[t],
             found["seen_of_part"],
         )
-        found["closed"], found["near"] = closed_of(witness, vertices), witness.near
         found["steady"] = _steady(witness, crops, fit, t, beside[t])
         yield np.stack([found[name] for name in NAMES], -1).clip(LOW, HIGH)
 
@@ -94,7 +93,7 @@ def _states(puppet: Puppet, fit: Fit, confidence: Float[np.ndarray, "T V"]) -> t
     counts = np.bincount(layers, minlength=puppet.num_layers)
     large = np.flatnonzero(counts >= LEAST_PART * len(layers))
     means = np.stack([confidence[:, layers == layer].mean(1) for layer in large], 1)
-    is_doubtful: list[bool] = (means < DOUBTFUL).any(1).tolist()
+    is_doubtful = [bool(row.any()) for row in means < DOUBTFUL]
     return tuple(
         "doubtful" if doubtful and state != "lost" else state
         for state, doubtful in zip(fit.state, is_doubtful, strict=True)

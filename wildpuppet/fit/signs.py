@@ -5,14 +5,13 @@ cost of ``pose/evidence.py`` per pixel (colours that disagree, background covere
 
 - ``worth``: how much better the frame is explained with the vertex's part than without it, over its seen pixels. A part
   on the wrong place explains nothing that what lies behind it would not explain as well.
-- ``agreement``: one minus how badly the colours disagree.
+- ``agreement``: one minus how badly the colours disagree, over the part and over the puppet.
 - ``explained``: minus the sure character pixels around that no part covers.
 - ``seen``: share of the part that is not covered by others.
 
 From the search, ``margin``: how much more the best pose costs that has this vertex elsewhere, per pixel that moves; a
-limb taken for its twin shows here. From the fit, ``closed``: minus the gap of the part's hinges; and ``steady``: minus
-how far the vertex is from midway between the drawings before and after. ``near``: minus the distance from the part's
-hinge, since ends of limbs go wrong first.
+limb taken for its twin shows here. From time, ``steady``: minus how far the vertex is from midway between the drawings
+before and after. How wide hinges gape and how far out on a limb a vertex lies was measured too: it says nothing more.
 """
 
 import cv2
@@ -34,14 +33,21 @@ ELSEWHERE = 0.05
 MOVED = 0.3
 """Share of a part's vertices that are elsewhere from which the part counts as moved."""
 
-NAMES = (
-    "worth", "worth_of_part", "agreement", "agreement_of_part", "agreement_of_all", "explained", "explained_by_part",
-    "seen", "seen_of_part", "margin", "closed", "near", "steady",
-)  # fmt: skip
-"""The signs, in the order of the last axis."""
-LOW = np.array([-1, -1, 0, 0, 0, -0.5, -0.5, 0, 0, -0.3, -0.1, -0.4, -0.1])
-HIGH = np.array([1, 1, 1, 1, 1, 0, 0, 1, 1, 0.5, 0, 0, 0])
-"""Bounds of each sign: beyond them more says no more."""
+BOUNDS = {
+    "worth": (-1.0, 1.0),
+    "worth_of_part": (-1.0, 1.0),
+    "agreement_of_part": (0.0, 1.0),
+    "agreement_of_all": (0.0, 1.0),
+    "explained": (-0.5, 0.0),
+    "explained_by_part": (-0.5, 0.0),
+    "seen": (0.0, 1.0),
+    "seen_of_part": (0.0, 1.0),
+    "margin": (-0.3, 0.5),
+    "steady": (-0.1, 0.0),
+}
+"""Bounds of each sign, in the order of the last axis: beyond them more says no more."""
+NAMES = tuple(BOUNDS)
+LOW, HIGH = np.array(list(BOUNDS.values())).T
 
 
 def picture_signs(
@@ -114,7 +120,6 @@ def _of_vertices(
     return {
         "worth": local(gain),
         "worth_of_part": of_part(gain),
-        "agreement": 1 - local(wrong),
         "agreement_of_part": 1 - of_part(wrong),
         "agreement_of_all": np.full(len(layers), 1 - wrong.sum() / max(number.sum(), 1.0)),
         "explained": -uncovered,
@@ -147,21 +152,10 @@ def margin_of(
     unit = np.sqrt(witness.areas).sum() / np.sqrt(witness.areas.mean()) / witness.areas.sum()
     evidence = (moved * seen_area).sum(1) * unit + 0.05
     extra = np.where(np.isfinite(cost), (cost - cost[own]) / evidence, np.inf)
-    top = HIGH[NAMES.index("margin")]
+    top = BOUNDS["margin"][1]
     return np.asarray(np.where(is_elsewhere, extra[:, None], top).min(0).clip(None, top))
 
 
 def _moved_layers(witness: Witness, is_elsewhere: Bool[np.ndarray, "N V"]) -> Bool[np.ndarray, "N L"]:
     whole = witness.per_layer(np.ones(is_elsewhere.shape[1]))
     return np.stack([witness.per_layer(row.astype(np.float64)) > MOVED * whole for row in is_elsewhere])
-
-
-def closed_of(witness: Witness, vertices: Float[np.ndarray, "V 2"]) -> Float[np.ndarray, "V"]:
-    """Minus the largest gap of the hinges of each vertex's part, in shares of the character's size."""
-    puppet = witness.puppet
-    sides = (vertices[puppet.joint_vertices] * puppet.joint_weights[..., None]).sum(-2)
-    gaps = np.linalg.norm(sides[:, 0] - sides[:, 1], axis=-1)
-    widest = np.zeros(puppet.num_layers)
-    for side in range(2):
-        np.maximum.at(widest, puppet.joint_layers[:, side], gaps)
-    return np.asarray(-(widest / size_in(witness, vertices))[puppet.layer_of_vertex])

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from wildpuppet.geometry.arap import ArapRest, arap_rest, best_scale_of
 from wildpuppet.pose import evidence as ev
 from wildpuppet.pose.place import rest_box
-from wildpuppet.pose.tree import part_areas, tree_of
+from wildpuppet.pose.tree import part_areas
 from wildpuppet.render.render import Mesh, mesh_of
 from wildpuppet.render.surface import Surface, surface
 from wildpuppet.render.texture import Texture, texture_at
@@ -37,7 +37,6 @@ class Witness:
     areas: Float[np.ndarray, "L"] = field(init=False)
     around: csr_array = field(init=False)
     pixels_at_rest: Float[np.ndarray, "V"] = field(init=False)
-    near: Float[np.ndarray, "V"] = field(init=False)
     textures: dict[int, Texture] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -48,7 +47,6 @@ class Witness:
         self.areas = part_areas(puppet)
         self.around = _around(puppet, AROUND * self.size)
         self.pixels_at_rest = self._pixels_at_rest()
-        self.near = _near_hinge(puppet) / self.size
 
     def texture(self, scale: float) -> Texture:
         """Fetch or make the Lab texture of a size."""
@@ -115,15 +113,6 @@ def _around(puppet: Puppet, reach: float) -> csr_array:
     number = len(puppet.vertices)
     weights = np.exp(-0.5 * (pairs["v"] / reach) ** 2)
     return csr_array((weights, (pairs["i"], pairs["j"])), shape=(number, number))
-
-
-def _near_hinge(puppet: Puppet) -> Float[np.ndarray, "V"]:
-    """Minus the distance to the hinge that the part hangs from, canvas pixels; 0 on the root."""
-    near = np.zeros(len(puppet.vertices))
-    for edge in tree_of(puppet).edges:
-        mine = puppet.layer_of_vertex == edge.child
-        near[mine] = -np.linalg.norm(puppet.vertices[mine] - np.array(edge.at), axis=1)
-    return near
 
 
 def size_in(witness: Witness, vertices: Float[np.ndarray, "V 2"]) -> float:
