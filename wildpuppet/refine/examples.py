@@ -14,11 +14,13 @@ from jaxtyping import Float, Float32, Int, UInt8
 
 from wildpuppet.errors import InputError
 from wildpuppet.refine.figure import Drawn, Figure, scale_of
-from wildpuppet.types import Crops, Fit, Puppet
+from wildpuppet.types import Crops, Fit, FitState, Puppet
 
 MOST_EXAMPLES = 240
 """Drawings at most, evenly spread over those there are; bounds the memory (0.5 MB each)."""
 LEAST_EXAMPLES = 2
+FEW = 6
+"""With fewer trusted drawings, doubtful ones are learnt from too."""
 UNKNOWN = 128
 NEAR_SHARE = 0.08
 """Where the matte of a clip counts: so far beyond the puppet, as a share of its larger side."""
@@ -50,26 +52,34 @@ class Examples:
 def usable_frames(crops: Crops, fit: Fit, hold_out: Collection[int] = ()) -> Int[np.ndarray, "n"]:
     """List the indices of frames to learn from: each drawing once, fitted, none whose drawing is held out.
 
-    ``hold_out`` are frame numbers. Raises InputError for numbers that are not the run's and where too few are left.
+    Where that leaves few, doubtful frames are taken too. ``hold_out`` are frame numbers. Raises InputError for numbers
+    that are not the run's and where too few are left.
     """
     unknown = sorted(set(hold_out) - set(fit.frames.tolist()))
     if unknown:
         first, last = int(fit.frames[0]), int(fit.frames[-1])
         raise InputError(f"--hold-out {unknown[0]}: expected frames of the run, {first} to {last}")
     held_out = set(crops.drawing[np.isin(fit.frames, list(hold_out))].tolist())
-    known: set[int] = set(held_out)
-    usable = []
-    for index, (state, drawing) in enumerate(zip(fit.state, crops.drawing.tolist(), strict=True)):
-        if state == "fitted" and drawing not in known and np.isfinite(fit.vertices_crop[index]).all():
-            known.add(drawing)
-            usable.append(index)
+    usable = _distinct(crops, fit, held_out, {"fitted"})
+    if len(usable) < FEW:
+        usable = _distinct(crops, fit, held_out, {"fitted", "doubtful"})
     if len(usable) < LEAST_EXAMPLES:
         raise InputError(
-            f"expected at least {LEAST_EXAMPLES} different fitted drawings to learn from, found {len(usable)}; "
+            f"expected at least {LEAST_EXAMPLES} different drawings to learn from, found {len(usable)}; "
             "hold fewer frames out, or run on more"
         )
     chosen = np.linspace(0, len(usable) - 1, min(len(usable), MOST_EXAMPLES)).round().astype(int)
     return np.asarray(np.array(usable, np.int64)[chosen])
+
+
+def _distinct(crops: Crops, fit: Fit, held_out: set[int], states: set[FitState]) -> list[int]:
+    """List the first frame in one of ``states`` of each drawing."""
+    known, found = set(held_out), []
+    for index, (state, drawing) in enumerate(zip(fit.state, crops.drawing.tolist(), strict=True)):
+        if state in states and drawing not in known and np.isfinite(fit.vertices_crop[index]).all():
+            known.add(drawing)
+            found.append(index)
+    return found
 
 
 def examples_of(puppet: Puppet, crops: Crops, fit: Fit, chosen: Int[np.ndarray, "n"]) -> Examples:

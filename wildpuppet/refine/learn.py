@@ -33,8 +33,8 @@ COLUMNS = ("absolute", "squared", "adversarial", "critic", "slope", "validation"
 CHECKPOINT_SECONDS = 20.0
 CHECKS = 10
 """Looks at the validation drawings during a training."""
-AVERAGE = 0.995
-"""How slowly the averaged weights follow."""
+AVERAGED = 0.04
+"""Share of the steps that the averaged weights look back over."""
 RISING = 40
 """Steps over which the learning rate rises: Adam's first steps are as large as its last."""
 FALLING = 1.0 / 3.0
@@ -186,7 +186,8 @@ class _Training:
 
     def _follow(self, step: int) -> None:
         """Let the average follow, faster in the first steps."""
-        keep = min(AVERAGE, (step + 1) / (step + 10))
+        span = max(AVERAGED * self.settings.iterations, 1.0)
+        keep = min(1.0 - 1.0 / span, (step + 1) / (step + 10))
         pairs = zip(self.networks["average"].parameters(), self.networks["generator"].parameters(), strict=True)
         with torch.no_grad():
             for slow, quick in pairs:
