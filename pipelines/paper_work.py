@@ -37,9 +37,9 @@ class Effort:
 
 FULL = Effort()
 QUICK = Effort(
-    autoencoder_steps=40,
-    paper={"train": {"iterations": 10, "batch": 4}},
-    refine={"iterations": 20, "critic_steps": 1, "width": 8},
+    autoencoder_steps=20,
+    paper={"train": {"iterations": 4, "batch": 2}},
+    refine={"iterations": 8, "critic_steps": 1, "width": 8},
 )
 
 
