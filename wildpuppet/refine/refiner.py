@@ -176,7 +176,7 @@ def check_settings(settings: RefineSettings) -> None:
     step = 2**settings.depth
     if settings.method != "texture" and settings.patch % step:
         raise SettingsError(
-            f"--refine.patch {settings.patch}: expected a multiple of {step} (2 to the power of depth {settings.depth})"
+            f"--patch {settings.patch}: expected a multiple of {step} (2 to the power of depth {settings.depth})"
         )
 
 
