@@ -86,8 +86,9 @@ class _Scene:
             for place, (_, value) in enumerate(rows):
                 self._file.write((", " if place else "") + value)
             self._file.write("]\n}\n")
+            share = (track + 1) / (2 + 2 * len(self._parts) + len(self._hinges))
+            self._progress(int(segment.start + share * (segment.end - segment.start)), len(animation))
         self._file.write("\n")
-        self._progress(segment.end, len(animation))
 
     def _tracks(self, segment: Segment) -> Iterator[tuple[str, int, Iterable[tuple[Key, str]]]]:
         """Give each track's path, update mode, and its keys with their values as text."""

@@ -42,7 +42,7 @@ def read_ora(path: Path, *, merge_groups: bool = False) -> Imported:
     try:
         with zipfile.ZipFile(io.BytesIO(read_bytes(path))) as archive:
             return _read_archive(archive, where, merge_groups)
-    except (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError, OSError) as error:
+    except (zipfile.BadZipFile, zlib.error, RuntimeError, ValueError, EOFError, OSError) as error:
         raise PuppetError(f"{where}: the archive is broken: {' '.join(str(error).split())}") from None
 
 
