@@ -26,37 +26,23 @@ Picture = UInt8[np.ndarray, "H W 3"]
 
 @dataclass(frozen=True, kw_only=True)
 class Effort:
-    """How long things are trained; none of it is a setting of a stage."""
+    """How long things are trained; ``paper`` are changes of the paper preset's [train]."""
 
-    autoencoder_steps: int = 400
-    paper: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
-    """Changes of the paper preset."""
-    refine: Mapping[str, int] = field(default_factory=dict)
-    """Changes of the refinement's settings."""
+    autoencoder_steps: int
+    refine: RefineSettings
+    paper: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def paper_iterations(self) -> int:
+        """Steps for which the paper's network is trained."""
+        return self.paper.get("iterations", read_preset("paper").train.iterations)
 
 
-FULL = Effort()
 QUICK = Effort(
     autoencoder_steps=20,
-    paper={"train": {"iterations": 4, "batch": 2}},
-    refine={"iterations": 8, "critic_steps": 1, "width": 8},
+    refine=RefineSettings(iterations=8, critic_steps=1, width=8),
+    paper={"iterations": 4, "batch": 2},
 )
-
-
-def effort_of(is_quick: bool, iterations: int) -> Effort:
-    """Choose the effort; ``iterations`` of the paper's network, where they are not 0, stand for the preset's."""
-    effort = QUICK if is_quick else FULL
-    return effort if iterations == 0 else replace(effort, paper={"train": {"iterations": iterations}})
-
-
-def paper_iterations(effort: Effort) -> int:
-    """Give the steps for which the paper's network is trained."""
-    return effort.paper.get("train", {}).get("iterations", read_preset("paper").train.iterations)
-
-
-def refine_iterations(effort: Effort) -> int:
-    """Give the steps for which the refinements are trained."""
-    return effort.refine.get("iterations", RefineSettings().iterations)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,12 +110,12 @@ def paper_settings(work: SetWork, seed: int = 0) -> Settings:
     settings = msgspec.structs.replace(
         work.options.settings, search=preset.search, fit=preset.fit, train=preset.train
     )
-    return merged(merged(settings, work.effort.paper), {"train": {"seed": seed}, "out": {"preview": False}})
+    return merged(settings, {"train": {**work.effort.paper, "seed": seed}, "out": {"preview": False}})
 
 
 def refine_settings(work: SetWork, seed: int = 0) -> RefineSettings:
     """Give our refinement's settings with a seed."""
-    return msgspec.structs.replace(RefineSettings(), **{**work.effort.refine, "seed": seed})
+    return msgspec.structs.replace(work.effort.refine, seed=seed)
 
 
 def paper_refine_settings(work: SetWork, seed: int = 0) -> RefineSettings:

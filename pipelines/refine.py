@@ -70,7 +70,7 @@ def make(run: "Run", arguments: Arguments, reporter: Reporter) -> "Refiner":
 
     from .session import check_cuda
 
-    settings = _checked(arguments.settings)
+    settings = checked(arguments.settings)
     check_settings(settings)
     check_finish_out(arguments.out)
     machine = Machine(device=arguments.device)
@@ -97,8 +97,8 @@ def make(run: "Run", arguments: Arguments, reporter: Reporter) -> "Refiner":
     return refiner
 
 
-def _checked(settings: RefineSettings) -> RefineSettings:
-    """Check ranges, which constructors do not."""
+def checked(settings: RefineSettings) -> RefineSettings:
+    """Give settings with their ranges checked, which constructors do not do."""
     try:
         return msgspec.convert(msgspec.to_builtins(settings), RefineSettings)
     except msgspec.ValidationError as error:

@@ -14,14 +14,16 @@ import msgspec
 import tyro
 
 from wildpuppet.errors import InputError, SettingsError
+from wildpuppet.settings import RefineSettings
 from wildpuppet.store import digest_of_folder
 
-from . import evaluate, paper_motion, paper_tables, paper_work
+from . import evaluate, paper_motion, paper_tables
 from .arguments import value_of
 from .evaluate import Case, cases_in
 from .paper_tables import Method
-from .paper_work import SetWork
+from .paper_work import QUICK, Effort, SetWork
 from .presets import read_preset
+from .refine import checked
 from .reporter import terminal
 from .session import Options
 
@@ -50,6 +52,10 @@ class Arguments(Options):
     """How often what depends on chance is trained; from 2 on the tables show the standard deviation."""
     paper_iterations: Annotated[int, tyro.conf.arg(metavar="N")] = 0
     """Training steps of the paper's network; 0 is the preset's, which takes long. The tables say what it was."""
+    autoencoder_steps: Annotated[int, tyro.conf.arg(metavar="N")] = 400
+    """Training steps of the deforming auto-encoder."""
+    refine: RefineSettings = field(default_factory=RefineSettings)
+    """The refinement. The paper's takes the same but for ``method`` and ``squared``."""
     quick: tyro.conf.UseCounterAction[int] = 0
     """Train for a moment only: to see that everything works, not for numbers."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/reproduce")
@@ -112,7 +118,7 @@ def _reproduce(case: Case, methods: list[Method], arguments: Arguments, found: F
             content=digest_of_folder(case.folder)[0],
             out=arguments.out,
             options=_options(arguments),
-            effort=paper_work.effort_of(bool(arguments.quick), arguments.paper_iterations),
+            effort=effort_of(arguments),
             reporter=reporter,
         )
         if work.truth.test is None or len(work.truth.test) < 2:
@@ -173,7 +179,7 @@ def _written(arguments: Arguments, found: Found) -> str:
     from wildpuppet import atomic
     from wildpuppet.tables.paper import paper_text
 
-    effort = paper_work.effort_of(bool(arguments.quick), arguments.paper_iterations)
+    effort = effort_of(arguments)
     text = paper_text(found.scores, found.missing, notes_of(arguments, effort))
     tree: dict[str, Any] = {
         "schema": SCHEMA,
@@ -188,12 +194,20 @@ def _written(arguments: Arguments, found: Found) -> str:
     return text
 
 
-def notes_of(arguments: Arguments, effort: paper_work.Effort) -> list[str]:
+def effort_of(arguments: Arguments) -> Effort:
+    """Say how long things are trained."""
+    if arguments.quick:
+        return QUICK
+    paper = {"iterations": arguments.paper_iterations} if arguments.paper_iterations else {}
+    return Effort(autoencoder_steps=arguments.autoencoder_steps, refine=checked(arguments.refine), paper=paper)
+
+
+def notes_of(arguments: Arguments, effort: Effort) -> list[str]:
     """Say how long things were trained and how often."""
     times = f"{arguments.seeds} seeds, ± their standard deviation" if arguments.seeds > 1 else "one seed"
     steps = {
-        "the paper's network": paper_work.paper_iterations(effort),
-        "the paper's and our refinement": paper_work.refine_iterations(effort),
+        "the paper's network": effort.paper_iterations,
+        f"refinements (each with {effort.refine.critic_steps} of the critic)": effort.refine.iterations,
         "the auto-encoder": effort.autoencoder_steps,
     }
     return [f"Trained things: {times}; {', '.join(f'{what} {number} steps' for what, number in steps.items())}."]
