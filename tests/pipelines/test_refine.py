@@ -104,10 +104,10 @@ def test_another_puppet_and_edited_frames_are_refused(
 ) -> None:
     out = tmp_path / "refined"
     assert refine(drawn, out, "--method", "texture") == 0
-    assert drawn.run("--puppet.edge=0.4", out="coarse") == 0
+    assert drawn.run("--puppet.subdivide=1", out="fine") == 0
     capsys.readouterr()
     code = run_command(
-        ["refine", str(drawn.folder / "coarse"), "--out", str(tmp_path / "other"), "--refiner", str(out / "refiner")]
+        ["refine", str(drawn.folder / "fine"), "--out", str(tmp_path / "other"), "--refiner", str(out / "refiner")]
     )
     assert_one_clear_line(code, capsys, "another puppet")
     shutil.copyfile(out / "frames" / "frame.00001.png", out / "frames" / "frame.00002.png")

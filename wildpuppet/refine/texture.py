@@ -117,10 +117,10 @@ class Wardrobe:
         seen = np.zeros(nearest.shape, bool)
         known = self.examples
         for index in np.unique(nearest[np.isfinite(distance)]).tolist():
-            found, shown = carried(sites, known.vertices[index], known.picture(index), self._seen[index])
-            here = (nearest == index) & np.isfinite(distance)
-            rank, site = np.nonzero(here)
-            colours[rank, site], seen[rank, site] = found[site], shown[site]
+            rank, site = np.nonzero((nearest == index) & np.isfinite(distance))
+            asked = Sites(*(values[site] for values in sites))
+            found, shown = carried(asked, known.vertices[index], known.picture(index), self._seen[index])
+            colours[rank, site], seen[rank, site] = found, shown
         return Found(sites, drawn, colours, seen, distance, reach)
 
 
