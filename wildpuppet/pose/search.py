@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
+from msgspec import structs
 
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
@@ -82,6 +83,8 @@ class Searcher:
         return self.of_size[step]
 
 
+Start = tuple[Float[np.ndarray, "L 2 3"], Int[np.ndarray, "L"]]
+"""A pose to start from: crop from canvas of each part, and the order of the layers."""
 SIZE_TRIES = 4
 """How often the first frame is searched again at the size that explained it better."""
 
@@ -102,6 +105,7 @@ def search(
     A frame that shows the drawing of the frame solved before it repeats its poses: its window moves with the drawing.
     """
     searcher = searcher_of(puppet, placement, settings)
+    coarse = _coarse_searcher(puppet, placement, settings)
     expected = _expected_steps(searcher, crops, placement)
     step = searcher.size_step(size)
     found: list[tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]] = []
@@ -110,7 +114,7 @@ def search(
         if before is not None and crops.drawing[frame] == crops.drawing[before]:
             found.append(found[-1])
         else:
-            starts = []
+            starts: list[Start] = []
             if before is not None and crops.ordered and crops.shot[frame] == crops.shot[before]:
                 starts = [
                     (affine.compose(_between(crops, int(frame), int(before))[None], m), o)
@@ -119,8 +123,9 @@ def search(
             image = crops.images[int(frame) : int(frame) + 1][0]
             for _ in range(SIZE_TRIES if before is None and crops.ordered else 1):
                 last = step
+                first = _coarse_starts(coarse, image, SIZE_STEP**step / searcher.search_from_crop) if coarse else []
                 maps, order, cost, step = _search_one(
-                    searcher, image, step, int(expected[frame]), starts, fixed_size=not crops.ordered
+                    searcher, image, step, int(expected[frame]), starts + first, fixed_size=not crops.ordered
                 )
                 if step == last:
                     break
@@ -131,6 +136,31 @@ def search(
         np.stack([order for _, order, _ in found]),
         np.stack([cost for _, _, cost in found]),
     )
+
+
+COARSE_STARTS = 3
+"""Poses of the coarse search from which the fine one starts."""
+
+
+def _coarse_searcher(puppet: Puppet, placement: Float[np.ndarray, "2 3"], settings: SearchSettings) -> Searcher | None:
+    """Prepare the coarse search; None where it is switched off or would see too little."""
+    box_pixels, angles = round(settings.coarse * settings.box_pixels), round(settings.coarse * settings.angles)
+    if box_pixels < LEAST_COARSE:
+        return None
+    coarse = structs.replace(settings, box_pixels=box_pixels, angles=max(8, angles), num_best=COARSE_STARTS)
+    return searcher_of(puppet, placement, coarse)
+
+
+LEAST_COARSE = 24
+"""Pixels along the character's larger side below which a search finds nothing."""
+
+
+def _coarse_starts(coarse: Searcher, image: UInt8[np.ndarray, "H W 4"], size: float) -> list[Start]:
+    """Search one frame coarsely; ``size`` in crop pixels per canvas pixel."""
+    step = coarse.size_step(size)
+    maps, order, cost, _ = _search_one(coarse, image, step, step, [], fixed_size=True)
+    rows = [row for row in range(len(cost)) if np.isfinite(cost[row])][:COARSE_STARTS]
+    return [(maps[row], order[row]) for row in rows]
 
 
 def searcher_of(puppet: Puppet, placement: Float[np.ndarray, "2 3"], settings: SearchSettings) -> Searcher:
@@ -144,7 +174,7 @@ def search_from(
     crops: Crops,
     placement: Float[np.ndarray, "2 3"],
     frame: int,
-    starts: list[tuple[Float[np.ndarray, "L 2 3"], Int[np.ndarray, "L"]]],
+    starts: list[Start],
     pull: Pull | None = None,
 ) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]:
     """Search one frame again with poses (crop from canvas, order) to start from, at the size of the first."""
@@ -176,7 +206,7 @@ def _search_one(
     image: UInt8[np.ndarray, "H W 4"],
     step: int,
     expected: int,
-    starts: list[tuple[Float[np.ndarray, "L 2 3"], Int[np.ndarray, "L"]]],
+    starts: list[Start],
     fixed_size: bool,
     pull: Pull | None = None,
 ) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"], int]:
