@@ -155,6 +155,6 @@ def test_an_archive_that_lies_about_its_sizes_is_refused(tmp_path: Path) -> None
         read_ora(path)
     end = data.rindex(b"PK\x05\x06")  # the directory begins where no archive can: members lie before the file
     (start,) = struct.unpack_from("<I", data, end + 16)
-    path.write_bytes(data[: end + 16] + struct.pack("<I", start + 9) + data[end + 20 :])
+    path.write_bytes(data[: end + 16] + struct.pack("<I", 2 * start) + data[end + 20 :])
     with pytest.raises(PuppetError, match="the archive is broken"):
         read_ora(path)
