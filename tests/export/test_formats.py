@@ -13,17 +13,39 @@ HEAD = """# Formats
 
 What `wildpuppet export RUN --to FORMAT` writes. *positions*: `exact` means that every vertex was read back to 0.01
 pixel. *read back by*: what opened the files in the tests; `not run here` means that the program could not be run, and
-that the text was read by a parser of its language instead. Blender and Chromium are too large for the suite:
-`tests/clients/` runs them (`tests/clients/install.sh`, Debian's chromium, then `python -m pytest -m clients`). The last
-run, with bpy 5.0.1: every vertex of `usd`, `usdz`, `glb`, `mdd` and `pc2` to 0.001 pixel, pictures through the camera,
-`exr` by the compositor's Map UV and Cryptomatte; with Chromium 150: `webm` in a video element, `glb` by three.js.
-This page is made from the table in `wildpuppet/export/formats.py`.
+that the text was read by a parser of its language instead. Blender, Chromium, Godot, OpenImageIO, melt, Krita and
+Inkscape are too large for the suite: `tests/clients/` runs them (`tests/clients/install.sh`, then
+`python -m pytest -m clients`).
 
 """
+CLIENTS = (
+    (
+        "Blender (bpy) 5.0.1", "2026-11-22",
+        "every vertex of `usd`, `usdz`, `glb`, `mdd`, `pc2` to 0.001 pixel; pictures through the camera; "
+        "`exr` by the compositor's Map UV and Cryptomatte",
+    ),
+    (
+        "Chromium 150", "2026-11-22",
+        "`webm` in a video element, `glb` by three.js 0.187, `dragonbones` by PixiJS 8.22: pictures, alpha, order",
+    ),
+    ("Godot 4.6, web build", "2026-11-22", "`godot`: every vertex to 0.002 pixel, order, visibility, pictures"),
+    ("OpenImageIO 3.2.2", "2026-11-22", "`exr`: `st_warp` draws every part; channels, rate, Cryptomatte's notes"),
+    ("melt 7.12.0", "2026-11-22", "`mlt`: the area of every part in every frame, to the pixel along its edge"),
+    (
+        "Krita 5.1.5", "2026-11-22",
+        "`psd`, `ora`: the merged picture, and names, places and pixels of the layers that it saved anew; "
+        "imports of files that it wrote",
+    ),
+    ("Inkscape 1.2.2", "2026-11-22", "imports of SVG outlines that it wrote"),
+)  # fmt: skip
+"""Programs, the day of their last run (all of it passed), and what was compared."""
 
 
 def document() -> str:
-    return HEAD + formats.markdown()
+    rows = (("client", "last run", "compared"), ("---",) * 3, *CLIENTS)
+    table = "\n".join("| " + " | ".join(row) + " |" for row in rows)
+    made = "\n\nThis page is made from the table in `wildpuppet/export/formats.py`.\n\n"
+    return HEAD + table + made + formats.markdown()
 
 
 def test_the_document_is_up_to_date():

@@ -92,19 +92,19 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         "exr", "OpenEXR: ST maps, motion vectors, Cryptomatte, mattes", "Nuke, Fusion, Blender, After Effects, Natron",
-        "pictures", "OpenEXR, OpenCV; Blender 5.0", "exr", "exr", ("OpenEXR",),
+        "pictures", "OpenEXR, OpenCV; OpenImageIO; Blender 5.0", "exr", "exr", ("OpenEXR",),
     ),
     Format(
         "psd", "one layered picture: a layer per part", "Photoshop, Krita, Clip Studio, Affinity", "pictures",
-        "psd-tools, Pillow", "psd",
+        "psd-tools, Pillow; Krita", "psd",
     ),
     Format(
         "ora", "one layered picture: a layer per part", "Krita, GIMP, MyPaint", "pictures",
-        "Pillow, after the OpenRaster specification", "ora",
+        "Pillow, after the OpenRaster specification; Krita", "ora",
     ),
     Format(
-        "tapvid", "TAP-Vid point tracks (.npz): a grid on the puppet, hidden or not", "TAPIR, CoTracker, numpy",
-        "exact", "numpy", "tapvid",
+        "tapvid", "TAP-Vid point tracks (.npz): a grid on the puppet, hidden or not, how sure",
+        "TAPIR, CoTracker, numpy", "exact", "numpy", "tapvid",
     ),
     Format(
         "coco", "COCO annotations: a mask per part, hinges as keypoints", "pycocotools, CVAT, FiftyOne, Detectron2",
@@ -122,7 +122,7 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         "godot", "Godot 4 scene: polygons with an animation player", "Godot 4", "exact",
-        f"{NOT_VERIFIED}; godot_parser, with Godot's tracks imitated", "godot",
+        "godot_parser, with Godot's tracks imitated; Godot 4.6 (Chromium)", "godot",
     ),
     Format(
         "mdd", "MDD point cache with an OBJ", "Blender, LightWave, Modo, Houdini, older Maya and Max", "exact",
@@ -142,7 +142,7 @@ FORMATS: tuple[Format, ...] = (
     ),
     Format(
         "mlt", "MLT: the drawn edge of each part as a rotoscoping spline", "Shotcut, Kdenlive, melt", "exact",
-        f"{NOT_VERIFIED}; an XML parser, with MLT's splines imitated", "mlt",
+        "an XML parser, with MLT's splines imitated; melt 7.12", "mlt",
     ),
     Format(
         "ebsynth", "EbSynth guides: place on the resting puppet, and mask", "EbSynth", "pictures",
