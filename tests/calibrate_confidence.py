@@ -23,7 +23,7 @@ from wildpuppet.fit.fit import fit
 from wildpuppet.fit.signs import NAMES
 from wildpuppet.machine import Machine
 from wildpuppet.pose.choose import choose
-from wildpuppet.puppet.joints import with_hinges
+from wildpuppet.pose.hinges import with_hinges
 from wildpuppet.pose.place import size_of
 from wildpuppet.pose.search import search
 from wildpuppet.pose.tree import joint_points

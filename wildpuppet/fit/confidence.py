@@ -14,12 +14,14 @@ from wildpuppet.fit.signs import HIGH, LOW, NAMES, margin_of, picture_signs
 from wildpuppet.fit.witness import Witness, size_in
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
-from wildpuppet.types import Crops, Fit, FitState, Hypotheses, Poses, Puppet
+from wildpuppet.types import Crops, Fit, Hypotheses, Poses, Puppet
 
 DOUBTFUL = 0.5
 """Mean confidence of a part under which its frame is doubtful: it is more likely wrong than right."""
 LEAST_PART = 0.02
 """Share of the puppet's vertices from which a part can make a frame doubtful."""
+LEAST_SEEN = 0.25
+"""Share of a part that must be seen for the same."""
 
 
 def with_confidence(
@@ -27,11 +29,14 @@ def with_confidence(
 ) -> Fit:
     """Fill in confidence and name the doubtful frames; ``fit`` began with ``poses``, chosen of ``hypotheses``."""
     confidence = np.zeros(fit.vertices_crop.shape[:2], np.float32)
+    states = list(fit.state)
     for t, signs in enumerate(signs_of(puppet, crops, hypotheses, poses, fit)):
         if fit.state[t] != "lost":
             confidence[t] = probability(signs)
+            if _is_doubtful(puppet, signs, confidence[t]):
+                states[t] = "doubtful"
         machine.progress(t + 1, len(confidence))
-    return Fit(fit.frames, fit.vertices_crop, fit.order, confidence, _states(puppet, fit, confidence), fit.losses)
+    return Fit(fit.frames, fit.vertices_crop, fit.order, confidence, tuple(states), fit.losses)
 
 
 def signs_of(
@@ -88,13 +93,11 @@ def _carried(crops: Crops, fit: Fit, other: int, t: int) -> Float[np.ndarray, "V
     return min(ways, key=lambda way: float(np.abs(way - here).mean()))
 
 
-def _states(puppet: Puppet, fit: Fit, confidence: Float[np.ndarray, "T V"]) -> tuple[FitState, ...]:
-    layers = puppet.layer_of_vertex
+def _is_doubtful(puppet: Puppet, signs: Float[np.ndarray, "V K"], confidence: Float[np.ndarray, "V"]) -> bool:
+    """Say whether a part of some size that is seen is more likely wrong than right; hidden ones are guesses anyway."""
+    layers, seen = puppet.layer_of_vertex, signs[:, NAMES.index("seen_of_part")]
     counts = np.bincount(layers, minlength=puppet.num_layers)
-    large = np.flatnonzero(counts >= LEAST_PART * len(layers))
-    means = np.stack([confidence[:, layers == layer].mean(1) for layer in large], 1)
-    is_doubtful = [bool(row.any()) for row in means < DOUBTFUL]
-    return tuple(
-        "doubtful" if doubtful and state != "lost" else state
-        for state, doubtful in zip(fit.state, is_doubtful, strict=True)
-    )
+    shown = np.bincount(layers, seen, puppet.num_layers) / np.maximum(counts, 1)
+    means = np.bincount(layers, confidence, puppet.num_layers) / np.maximum(counts, 1)
+    judged = (counts >= LEAST_PART * len(layers)) & (shown >= LEAST_SEEN)
+    return bool((means[judged] < DOUBTFUL).any())
