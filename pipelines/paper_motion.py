@@ -1,65 +1,89 @@
-"""Table 3 of the paper's tables: drawings left out and predicted from their neighbours, on our own runs.
+"""Tables 3 and 4 of the paper's tables: what the fitted puppets are good for, on our own runs.
 
-What is measured is kept in OUT/sets/SET/inbetween.json as long as the set's files, the settings and the stages stay.
+Table 3 leaves drawings out and predicts them from their neighbours; Table 4 drags the reference drawing to test
+drawings. What is measured is kept in OUT/sets/SET as long as the set's files, the settings and the stages stay.
 """
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from wildpuppet.errors import WildPuppetError
 from wildpuppet.store import digest_of, read_json
 
 from .paper_tables import stages_of
-from .paper_work import SetWork, ours_settings
+from .paper_work import Picture, SetWork, ours_settings
 
 if TYPE_CHECKING:
     from wildpuppet.tables.table import Score
 
 VERSION = 1
-SCHEMA = "wildpuppet.inbetween-scores/1"
+SCHEMA = "wildpuppet.application-scores/1"
 ROWS = 4
 """Rows of a figure."""
 
 
-def inbetween(work: SetWork) -> "list[Score] | str":
-    """Give the scores of inbetweens, kept or new, and draw their figure; a reason in words where there are none."""
+def scores_of(work: SetWork, name: str) -> "list[Score] | str":
+    """Give the scores of ``inbetween`` or ``drag``, kept or new; a reason in words where there are none."""
     from wildpuppet import atomic
     from wildpuppet.tables.table import Score
 
-    path = work.out / "sets" / work.case.name / "inbetween.json"
+    path = work.out / "sets" / work.case.name / f"{name}.json"
     identity = digest_of([VERSION, work.content, stages_of(ours_settings)(work)])
     tree = read_json(path) if path.is_file() else {}
     if (tree.get("schema"), tree.get("identity")) != (SCHEMA, identity):
-        try:
-            tree = {"schema": SCHEMA, "identity": identity, **_measured(work)}
-        except WildPuppetError as error:
-            return str(error)
+        work.reporter.begin(name)
+        tree = {"schema": SCHEMA, "identity": identity, **APPLICATIONS[name](work)}
+        work.reporter.end(name, False)
         atomic.write_text(path, msgspec.json.format(msgspec.json.encode(tree), indent=1).decode())
-    if not tree["frames"]:
-        return "no test drawing lies between two drawings of one motion that are not doubted"
-    name = work.case.name
-    return [Score(name, method, 0, f"inbetween {measure}", value) for method, measure, value in tree["scores"]]
+    if not tree["scores"]:
+        return str(tree["reason"])
+    return [Score(work.case.name, method, 0, measure, value) for method, measure, value in tree["scores"]]
 
 
-def _measured(work: SetWork) -> dict[str, Any]:
+def _inbetween(work: SetWork) -> dict[str, Any]:
     from wildpuppet.motion.score import leave_one_out
     from wildpuppet.tables.inbetweens import inbetween_rows, inbetween_scores
     from wildpuppet.tables.sheet import grid, save_sheet
 
-    def picture(frame: int) -> Any:
+    def picture(frame: int) -> Picture:
         return work.drawings[frame]
 
     run = work.ran("ours", ours_settings(work))
-    only = tuple(work.test.tolist())
-    work.reporter.begin("inbetween")
     left_out = leave_one_out(
-        run.puppet, run.crops, run.fit, work.truth, picture, only=only,
-        progress=lambda done, total: work.reporter.update(done / max(total, 1)),
-    )  # fmt: skip
+        run.puppet, run.crops, run.fit, work.truth, picture, only=tuple(work.test.tolist()), progress=_progress(work)
+    )
     if left_out.frames:
         rows = inbetween_rows(run.puppet, run.crops, run.fit, picture, left_out.frames[:ROWS])
         save_sheet(work.out / "figures" / f"{work.case.name}-inbetween.png", grid(rows))
-    work.reporter.end("inbetween", False)
-    scores = [[method, measure, value] for (method, measure), value in inbetween_scores(left_out).items()]
-    return {"frames": list(left_out.frames), "skipped": left_out.skipped, "scores": scores}
+    means = inbetween_scores(left_out).items()
+    return {
+        "scores": [[method, f"inbetween {measure}", value] for (method, measure), value in means],
+        "reason": "no test drawing lies between two drawings of one motion that are not doubted",
+        "frames": list(left_out.frames),
+        "skipped": left_out.skipped,
+    }
+
+
+def _drag(work: SetWork) -> dict[str, Any]:
+    from wildpuppet.tables.drags import drag_rows, drag_scores
+    from wildpuppet.tables.sheet import grid, save_sheet
+
+    run = work.ran("ours", ours_settings(work))
+    parts = (run.puppet, run.crops, run.fit, work.truth, work.test.tolist())
+    found, number = drag_scores(*parts, _progress(work))
+    if found:
+        rows = drag_rows(*parts, lambda frame: work.drawings[frame], ROWS)
+        save_sheet(work.out / "figures" / f"{work.case.name}-drag.png", grid(rows))
+    return {
+        "scores": [[method, f"drag {count}", value] for (method, count), value in found.items()],
+        "reason": "fewer than two training drawings are not doubted",
+        "drawings": number,
+    }
+
+
+APPLICATIONS: dict[str, Callable[[SetWork], dict[str, Any]]] = {"inbetween": _inbetween, "drag": _drag}
+
+
+def _progress(work: SetWork) -> Callable[[int, int], None]:
+    return lambda done, total: work.reporter.update(done / max(total, 1))

@@ -133,11 +133,12 @@ def _reproduce(case: Case, methods: list[Method], arguments: Arguments, found: F
                 found.scores += _scores(work, method.name, seed, answer)
                 shown.setdefault(method.name, answer)
         if any(method.name == OURS for method in methods):
-            inbetweens = paper_motion.inbetween(work)
-            if isinstance(inbetweens, str):
-                found.missing.append(f"inbetweens on {case.name}: {inbetweens}")
-            else:
-                found.scores += inbetweens
+            for name in paper_motion.APPLICATIONS:
+                scores = paper_motion.scores_of(work, name)
+                if isinstance(scores, str):
+                    found.missing.append(f"{name} on {case.name}: {scores}")
+                else:
+                    found.scores += scores
     _draw(work, shown)
 
 
