@@ -60,24 +60,19 @@ def inbetweens_of_run(
     character is lost, or that show one drawing.
     """
     _check(count, size)
-    first, last = (_row_of(run, frame) for frame in frames)
-    if np.array_equal(run.animation.vertices(first), run.animation.vertices(last)) or first == last:
-        raise InputError(f"--frames {frames[0]} {frames[1]}: expected two drawings, found one and the same")
-    drawings = drawings_of(run.crops, run.fit, frames)
-    low, high = (int(np.flatnonzero(drawings.rows == row)[0]) for row in sorted((first, last)))
+    drawings, low, high = _drawings(run, frames)
     tree = bone_tree_of(run.puppet)
     keys = with_winding(tree, drawings, keys_of(drawings, low, high), np.arange(low + 1, high))
     strengths = strengths_of(tree, drawings, low, high) if method == "ours" else None
-    codes = None
-    if method == "code":
-        codes = _codes_of_run(run, model, (int(drawings.rows[low]), int(drawings.rows[high])), source)
+    rows = (int(drawings.rows[low]), int(drawings.rows[high]))
+    codes = _codes_of_run(run, model, rows, source) if method == "code" else None
     poses = between(tree, keys, even_shares(count), method, strengths, codes)
     orders = orders_between(run.puppet, poses, drawings.order[low], drawings.order[high])
     vertices = np.concatenate([keys.vertices[1:2], poses, keys.vertices[2:3]])
     order = np.concatenate([drawings.order[low : low + 1], orders, drawings.order[high : high + 1]])
-    if first > last:
+    if frames[0] > frames[1]:
         vertices, order = vertices[::-1], order[::-1]
-    trust = np.minimum(run.fit.confidence[first], run.fit.confidence[last])
+    trust = run.fit.confidence[list(rows)].min(0)
     made_by = {
         "command": "inbetween", "run": str(run.folder.absolute()), "frames": list(frames), "count": count,
         "method": method, "strengths": {kind: round(value, 4) for kind, value in (strengths or {}).items()},
@@ -86,6 +81,16 @@ def inbetweens_of_run(
     posed, placed = _posed(run.puppet, vertices, order, trust, run.size, size, closely, _rate(run), made_by)
     frames_near = tuple(int(frame) for frame in drawings.times[near])
     return Inbetweens(posed, placed, frames_near, away, drawings.vertices[near])
+
+
+def _drawings(run: RunFolder, frames: tuple[int, int]) -> tuple[Drawings, int, int]:
+    """List the run's drawings, and where among them the earlier and the later key are."""
+    first, last = (_row_of(run, frame) for frame in frames)
+    if np.array_equal(run.animation.vertices(first), run.animation.vertices(last)):
+        raise InputError(f"--frames {frames[0]} {frames[1]}: expected two drawings, found one and the same")
+    drawings = drawings_of(run.crops, run.fit, frames)
+    low, high = (int(np.flatnonzero(drawings.rows == row)[0]) for row in sorted((first, last)))
+    return drawings, low, high
 
 
 def inbetweens_of_pictures(
