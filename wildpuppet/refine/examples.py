@@ -1,8 +1,9 @@
 """The drawings that a refiner learns from: what each shows, and where the puppet is in it.
 
 Pictures are premultiplied, so that what lies beside the character is nothing (0) and pictures can be mixed. Drawings
-have a matte of their own. Frames of a clip have one where the background is known; where it is not, the rendered
-puppet's alpha stands for it, and nothing counts far from the puppet.
+have a matte of their own. The matte of a clip's frame says how surely the character is seen, not how much it covers:
+the rendered puppet's alpha stands for it except where the matte is sure of something else, and nothing counts far from
+the puppet.
 """
 
 from collections.abc import Collection
@@ -22,6 +23,8 @@ LEAST_EXAMPLES = 2
 FEW = 6
 """With fewer trusted drawings, doubtful ones are learnt from too."""
 UNKNOWN = 128
+SURELY_NOT, SURELY = (0.05, 0.2), (0.88, 1.0)
+"""Values of a clip's matte between which a pixel turns from surely not the character, and to surely it."""
 NEAR_SHARE = 0.08
 """Where the matte of a clip counts: so far beyond the puppet, as a share of its larger side."""
 
@@ -110,5 +113,11 @@ def _alpha_of_clip(matte: UInt8[np.ndarray, "H W"], drawn: Drawn) -> Float32[np.
     rows, columns = np.nonzero(covered > 0.0)
     reach = NEAR_SHARE * max(int(np.ptp(rows)), int(np.ptp(columns)), 1)
     away = cv2.distanceTransform((covered == 0.0).astype(np.uint8), cv2.DIST_L2, 5)
-    known = np.where(matte == UNKNOWN, covered, matte.astype(np.float32) / 255.0)
+    share = matte.astype(np.float32) / 255.0
+    decided = np.maximum(covered * _ramp(share, *SURELY_NOT), _ramp(share, *SURELY))
+    known = np.where(matte == UNKNOWN, covered, decided)
     return np.asarray(np.where(away <= reach, known, 0.0), np.float32)
+
+
+def _ramp(values: Float32[np.ndarray, "H W"], low: float, high: float) -> Float32[np.ndarray, "H W"]:
+    return np.asarray(np.clip((values - low) / (high - low), 0.0, 1.0), np.float32)

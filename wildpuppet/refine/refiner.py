@@ -31,6 +31,8 @@ from wildpuppet.types import Crops, Fit, Puppet
 
 BORDER = 8
 """Pixels around what a refined picture can reach."""
+HAZE = 0.03
+"""Alpha from 0, and up to 1, that counts as 0 and 1."""
 MOST_SIDE = 3
 """A pose reaches at most so many times the larger side of the drawings."""
 
@@ -76,7 +78,7 @@ class Refiner:
             if self.generator is not None and self.settings.method != "texture":
                 first = BASE[self.settings.method]
                 correction = correction_of(self.generator, shown)
-                refined = corrected(shown[..., first : first + 4], correction, self.share)
+                refined = without_haze(corrected(shown[..., first : first + 4], correction, self.share))
         return Refined((int(corner[0]), int(corner[1])), found.drawn.rgba, refined)
 
     def _window(self, vertices: Float[np.ndarray, "V 2"]) -> tuple[Int[np.ndarray, "2"], tuple[int, int]]:
@@ -96,6 +98,13 @@ class Refiner:
             )
         if not np.isfinite(vertices).all():
             raise ValueError("vertices must be finite numbers")
+
+
+def without_haze(picture: Float32[np.ndarray, "H W 4"]) -> Float32[np.ndarray, "H W 4"]:
+    """Take away what is nearly transparent and close what is nearly opaque: a network never says quite 0 or 1."""
+    alpha = picture[..., 3:]
+    clear = ((alpha - HAZE) / (1.0 - 2.0 * HAZE)).clip(0.0, 1.0)
+    return np.asarray(picture * (clear / np.maximum(alpha, HAZE)), np.float32)
 
 
 class Finisher:
