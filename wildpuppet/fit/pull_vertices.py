@@ -16,7 +16,7 @@ from wildpuppet.fit.handles import DeformEnergy
 
 HOLD = 0.3
 """Pull of each vertex towards its start. Higher: the neighbourhood of a handle moves; lower: all of the puppet."""
-SETTLE_HOLD = 30.0
+SETTLE_HOLD = 100.0
 """The same for the last pixel: local."""
 MOST_STEPS = 100
 SMALL = 1e-9

@@ -7,16 +7,16 @@ of nothing stays. With w_k the weights, x_k the known codes:
 
     centre = sum_k w_k x_k,   directions = sqrt(w'_k) (x_k - centre),   w' as w, but never narrower than the poses lie
 
-Then Gauss-Newton over the directions (``fit/pull_codes.py``), then the last pixel over the vertices
-(``fit/pull_vertices.settle``), so that handles are met exactly.
+Then Gauss-Newton over the directions (``fit/pull_codes.py``). A drag to where no known pose leads turns parts about
+their hinges. The last pixels are met over the vertices (``fit/pull_vertices.settle``), so that handles are exact.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from wildpuppet.fit.handles import RIGID, Handles, deform_energy
+from wildpuppet.fit.handles import Handles, deform_energy
 from wildpuppet.fit.pull_codes import Decoder, Subspace, decode, pull_codes
 from wildpuppet.fit.pull_vertices import settle
 from wildpuppet.types import Puppet
@@ -29,20 +29,27 @@ REACH = 2.0
 """The directions see at least this far, in typical distances between neighbouring poses."""
 SPREAD = 0.3
 """How exactly the known poses are believed, in the same distances."""
-TURNING = 0.02
-"""Radians by which each part may turn on its own beside what known poses do."""
+KNOWN_RIGID = 0.1
+"""Weight of L_reg among known poses. Their parts bend as they were drawn; the paper's 25 would straighten them."""
+FAR = 0.05
+"""A handle that known poses leave this far from its target, of [-1, 1], is met by turning parts."""
+TURNING, TURNING_SPREAD = 0.1, 0.003
+"""Radians by which parts turn then, beside how exactly (of [-1, 1]) handles are met."""
 MOST_DIRECTIONS = 48
 LONE_SPACING = 0.01
-"""Typical distance, of [-1, 1], where there are not two poses to measure it on."""
+"""Typical distance, as a share of the pose's size, where there are not two poses to measure it on."""
 
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """Poses that are known, pixels, and their codes; ``turnings`` are directions of the code that are always free."""
+    """K poses that are known, pixels, and their codes; ``turnings`` are directions in which a code turns one part.
+
+    Decoders that know no parts have no ``turnings``: (0, Z).
+    """
 
     vertices: Float[np.ndarray, "K V 2"]
     codes: Float[np.ndarray, "K Z"]
-    turnings: Float[np.ndarray, "n Z"]
+    turnings: Float[np.ndarray, "L Z"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,55 +62,58 @@ class Dragged:
 
 
 def drag(
-    puppet: Puppet,
-    decoder: Decoder,
-    known: Known,
-    start: int,
-    handles: Handles,
-    unit: float,
-    rigid: float = RIGID,
-) -> Dragged:
-    """Drag the known pose ``start`` by its handles. ``unit`` is 2 over the crop's larger side."""
+    puppet: Puppet, decoder: Decoder, known: Known, start: int, handles: Handles, unit: float,
+    rigid: float = KNOWN_RIGID,
+) -> Dragged:  # fmt: skip
+    """Drag the known pose ``start`` by its handles. ``unit`` is 2 over the crop's larger side.
+
+    What the decoder misses of the start is kept.
+    """
     from_pose = known.vertices[start].astype(np.float64)
-    space = subspace(known, start, handles, unit)
-    energy = deform_energy(puppet, from_pose, handles, unit, rigid)
-    code = pull_codes(energy, decoder, space)
     left = from_pose - decode(decoder, known.codes[start])
+    kept = replace(handles, targets=handles.targets - handles.points(left))
+    space = subspace(known, start, handles, unit)
+    energy = deform_energy(puppet, decode(decoder, space.centre), kept, unit, rigid)
+    code = pull_codes(energy, decoder, space)
+    if len(known.turnings) and kept.missing(decode(decoder, code)).max() * unit > FAR:
+        energy = deform_energy(puppet, decode(decoder, code), kept, unit, rigid)
+        code = pull_codes(energy, decoder, Subspace(code, TURNING * known.turnings, TURNING_SPREAD))
     decoded = decode(decoder, code) + left
-    settled = settle(deform_energy(puppet, decoded, handles, unit), decoded)
-    return Dragged(settled, decoded, code)
+    return Dragged(settle(deform_energy(puppet, decoded, handles, unit), decoded), decoded, code)
 
 
 def subspace(known: Known, start: int, handles: Handles, unit: float) -> Subspace:
     """Say where the answer is looked for."""
     spacing = typical_spacing(known.vertices) * unit
-    pose, target = _distances(known, start, handles)
-    way = float(target[start])
-    pose, target, way = pose * unit**2, target * unit**2, way * unit**2
+    pose, target = _distances(known, start, handles, unit)
+    way, least = float(target[start]), (REACH * spacing) ** 2
     near = _weights(pose, target, NEAR_POSE**2 * way, NEAR_TARGET**2 * way)
-    least = (REACH * spacing) ** 2
     wide = _weights(pose, target, NEAR_POSE**2 * way + least, NEAR_TARGET**2 * way + least)
     centre = near @ known.codes
     used = np.argsort(-wide, kind="stable")[:MOST_DIRECTIONS]
     directions = np.sqrt(wide[used])[:, None] * (known.codes[used] - centre)
-    return Subspace(centre, np.concatenate([directions, TURNING * known.turnings]), SPREAD * spacing)
+    return Subspace(centre, directions, SPREAD * spacing)
 
 
 def typical_spacing(vertices: Float[np.ndarray, "K V 2"]) -> float:
     """Measure the median distance (root mean square over vertices, pixels) from a pose to the one nearest to it."""
+    if len(vertices) < 2:
+        return LONE_SPACING * float(np.ptp(vertices, axis=(0, 1)).max())
     flat = vertices.reshape(len(vertices), -1).astype(np.float64)
-    if len(flat) < 2:
-        return LONE_SPACING * float(np.ptp(vertices, axis=(0, 1)).max()) / 2.0
+    flat = flat - flat.mean(0)
     squares = (flat**2).sum(1)
     apart = squares[:, None] + squares[None] - 2.0 * flat @ flat.T
     np.fill_diagonal(apart, np.inf)
     return float(np.median(np.sqrt(np.maximum(apart.min(1), 0.0) / vertices.shape[1])))
 
 
-def _distances(known: Known, start: int, handles: Handles) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
-    """Mean squared distance of each known pose from the start, and of its points from the targets."""
+def _distances(
+    known: Known, start: int, handles: Handles, unit: float
+) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
+    """Mean squared distance of each known pose from the start, and of its points from the targets; of [-1, 1]."""
     pose = ((known.vertices - known.vertices[start]) ** 2).sum(-1).mean(-1)
-    return pose, ((handles.points(known.vertices) - handles.targets) ** 2).sum(-1).mean(-1)
+    target = ((handles.points(known.vertices) - handles.targets) ** 2).sum(-1).mean(-1)
+    return pose * unit**2, target * unit**2
 
 
 def _weights(
