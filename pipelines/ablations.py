@@ -29,6 +29,7 @@ ABLATIONS = {
     DEFAULT: Ablation("the settings at hand"),
     "no-search": Ablation("the fit starts from the placed rest pose", {"search": {"enabled": False}}),
     "no-time": Ablation("each frame takes its own best pose", {"search": {"time_weight": 0.0}}),
+    "no-coarse-search": Ablation("no coarse search before the fine one", {"search": {"coarse": 0.0}}),
     "one-hypothesis": Ablation("one pose per frame is kept for the choice over time", {"search": {"num_best": 1}}),
     "drawn-hinges": Ablation("hinges stand where the puppet has them", {"search": {"hinge_drawings": 0}}),
     "no-reorder": Ablation("the layers keep the puppet's order", {"search": {"reorder": 1.0e9}}),

@@ -123,3 +123,16 @@ def test_same_again():
     first, second = (searched(scene, puppet, crops, [0]) for _ in range(2))
     np.testing.assert_array_equal(first.crop_from_canvas, second.crop_from_canvas)
     np.testing.assert_array_equal(first.cost, second.cost)
+
+
+def test_a_coarse_search_that_would_see_too_little_is_left_out():
+    scene, puppet, crops = drawn("crossing", frames=2)
+    placement = scene.video_from_canvas[0, scene.layer("torso")]
+    found = [
+        search(puppet, crops, placement, size_of(placement), np.array([0]), settings, Machine(workers=1))
+        for settings in (
+            SearchSettings(box_pixels=32, angles=12, coarse=0.0),
+            SearchSettings(box_pixels=32, angles=12, coarse=0.7),
+        )
+    ]
+    np.testing.assert_array_equal(found[0].crop_from_canvas, found[1].crop_from_canvas)
