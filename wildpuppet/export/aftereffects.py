@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wildpuppet.export.animation import Animation
-from wildpuppet.export.json_stream import write_json
+from wildpuppet.export.json_stream import DECIMALS, write_json
 from wildpuppet.export.keys import Key, Segment, joints, keys
-from wildpuppet.export.manifest import Manifest
+from wildpuppet.export.manifest import Manifest, rounding_error
 from wildpuppet.export.naming import file_names
 from wildpuppet.export.options import Options
 from wildpuppet.export.stacking import sheets
@@ -148,7 +148,8 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
     left_out = ["meshes: the parts are pictures under animated outlines, which may be given puppet pins by hand"]
     if animation.timing.is_variable:
         left_out.append("uneven times of the pictures: a sequence has one rate; masks and nulls keep the clip's times")
-    return Manifest("top left corner of the picture", "x right, y down, pixels", first, 1.0, tuple(left_out))
+    error = rounding_error(animation, lambda places: np.round(places, DECIMALS))
+    return Manifest("top left corner of the picture", "x right, y down, pixels", first, 1.0, tuple(left_out), error)
 
 
 def _data(animation: Animation, pictures: Sequence[str]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from wildpuppet.export.animation import Animation
-from wildpuppet.export.manifest import Manifest
+from wildpuppet.export.manifest import Manifest, rounding_error
 from wildpuppet.export.options import Options
 from wildpuppet.machine import Progress
 
@@ -41,7 +41,8 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
         "no file: the last frame of each shot, and frames before or after which the character is lost",
         "meshes, textures, layers, times",
     )
-    return Manifest("top left corner of the picture", "x right, y down, pixels", first, 1.0, left_out)
+    error = rounding_error(animation, lambda places: places.astype(np.float32).astype(np.float64))
+    return Manifest("top left corner of the picture", "x right, y down, pixels", first, 1.0, left_out, error)
 
 
 def encode(flow: Float32[np.ndarray, "H W 2"]) -> bytes:

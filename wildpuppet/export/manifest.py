@@ -6,7 +6,7 @@ is added here, so that nothing is lost even where the format has no place for it
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -53,6 +53,14 @@ def position_error(distances: Iterable[Float[np.ndarray, "_"]], read_by: str) ->
     joined = np.concatenate([np.zeros(1, np.float32), *(np.asarray(some, np.float32).ravel() for some in distances)])
     largest, most = float(joined.max()), float(np.percentile(joined, 99.9))
     return PositionError(float(f"{largest:.4g}"), float(f"{most:.4g}"), read_by)
+
+
+def rounding_error(
+    animation: Animation, rounded: Callable[[Float[np.ndarray, "V 2"]], Float[np.ndarray, "V 2"]]
+) -> PositionError:
+    """Measure what a format's ``rounded`` takes from places in the picture, over all vertices and frames."""
+    moved = (rounded(frame.vertices) - frame.vertices for frame in animation)
+    return position_error((np.linalg.norm(each, axis=1) for each in moved), "the numbers as written")
 
 
 def write_manifest(folder: Path, format_name: str, animation: Animation, manifest: Manifest) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from wildpuppet.export.animation import Animation
 from wildpuppet.export.keys import Segment, keys
-from wildpuppet.export.manifest import Manifest
+from wildpuppet.export.manifest import Manifest, rounding_error
 from wildpuppet.export.naming import file_names, printable
 from wildpuppet.export.options import Options
 from wildpuppet.export.outlines import Outline, outlines
@@ -52,7 +52,10 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
     left_out = ["meshes, textures, joints: these are outlines", "holes in parts and their small islands"]
     if animation.timing.is_variable:
         left_out.append("the clip's uneven times: MLT counts frames")
-    return Manifest("top left corner of the picture", "x right, y down, shares of W and H", 0, 1.0, tuple(left_out))
+    size = np.array(animation.size, np.float64)
+    error = rounding_error(animation, lambda places: np.round(places / size, DECIMALS) * size)
+    axes = "x right, y down, shares of W and H"
+    return Manifest("top left corner of the picture", axes, 0, 1.0, tuple(left_out), error)
 
 
 def _profile(animation: Animation) -> Element:

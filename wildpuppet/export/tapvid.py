@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float, Int
 
 from wildpuppet.disk import FIRST_DATE, write_arrays
 from wildpuppet.export.animation import Animation
-from wildpuppet.export.manifest import Manifest
+from wildpuppet.export.manifest import Manifest, rounding_error
 from wildpuppet.export.naming import file_names
 from wildpuppet.export.options import Options, Pictures
 from wildpuppet.machine import Progress
@@ -75,7 +75,8 @@ def write(animation: Animation, folder: Path, options: Options, progress: Progre
     else:
         _add_video(path, animation, options.pictures)
     first = int(animation.frames[0])
-    return Manifest("top left corner of the picture", "x right, y down, shares of W and H", first, 1.0, left_out)
+    error = rounding_error(animation, lambda places: (places / size).astype(np.float32) * size.astype(np.float64))
+    return Manifest("top left corner of the picture", "x right, y down, shares of W and H", first, 1.0, left_out, error)
 
 
 def _add_video(path: Path, animation: Animation, pictures: Pictures) -> None:
