@@ -153,7 +153,9 @@ def _as_printed(material: Material, settings: Settings, machine: Machine, checkp
 
 def standing(material: Material) -> Poses:
     """Stand the puppet at rest in every crop, as the paper starts."""
-    placement = stages.PLACE.run(material.puppet, material.crops, Machine())
+    from wildpuppet.pose.place import place
+
+    placement = place(material.puppet, material.crops)
     poses: Poses = stages.REST.run(material.puppet, material.crops, placement, Machine())
     return poses
 

@@ -14,17 +14,14 @@ is its pivot's place. Lengths are canvas pixels over the puppet's size; places c
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
 from wildpuppet.pose.tree import tree_of
 from wildpuppet.types import Puppet
-
-Array = np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +182,7 @@ def unwrapped(turns: Float[np.ndarray, "T L"], usual: Float[np.ndarray, "L"] | N
 
 def _similarities(
     skeleton: Skeleton, vertices: Float[np.ndarray, "T V 2"], weight: Float[np.ndarray, "T V"]
-) -> tuple[Array, Array]:
+) -> tuple[Complex[np.ndarray, "T L"], Complex[np.ndarray, "T L"]]:
     """Each part's A (complex) and the place of its pivot, by weighted least squares."""
     rest = skeleton.rest[:, 0] + 1j * skeleton.rest[:, 1]
     places = vertices[..., 0] + 1j * vertices[..., 1]
@@ -210,15 +207,25 @@ def residuals(
     return _left(skeleton, vertices, linear, shift)
 
 
-def _left(skeleton: Skeleton, vertices: Float[np.ndarray, "T V 2"], linear: Array, shift: Array) -> Array:
+def _left(
+    skeleton: Skeleton,
+    vertices: Float[np.ndarray, "T V 2"],
+    linear: Complex[np.ndarray, "T L"],
+    shift: Complex[np.ndarray, "T L"],
+) -> Float[np.ndarray, "T V 2"]:
+    """Take vertices into the parts' own frames; give what is left beside the rest shape."""
     of, rest = skeleton.layer_of_vertex, skeleton.rest[:, 0] + 1j * skeleton.rest[:, 1]
     left = (vertices[..., 0] + 1j * vertices[..., 1] - shift[:, of]) / linear[:, of] - rest
     return np.stack([left.real, left.imag], -1)
 
 
 def _bends_of(
-    skeleton: Skeleton, vertices: Float[np.ndarray, "T V 2"], linear: Array, shift: Array, weight: Array
-) -> Array:
+    skeleton: Skeleton,
+    vertices: Float[np.ndarray, "T V 2"],
+    linear: Complex[np.ndarray, "T L"],
+    shift: Complex[np.ndarray, "T L"],
+    weight: Float[np.ndarray, "T V"],
+) -> Float[np.ndarray, "T K"]:
     """How much of each bend there is, part by part, by weighted least squares."""
     left = _left(skeleton, vertices, linear, shift)
     amounts = np.zeros((len(vertices), len(skeleton.bends)))
