@@ -24,6 +24,7 @@ DECODER = (1024, 2048)
 
 
 @runtime_checkable
+@runtime_checkable
 class Network(Protocol):
     """What both recipes' networks (torch modules) can do; unit coordinates."""
 

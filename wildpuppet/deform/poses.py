@@ -165,6 +165,6 @@ def in_light(
     shift = strength * (6.0 * random.standard_normal() + 3.0 * random.standard_normal(3))
     lit = picture * gain + shift
     if random.random() < 0.5:
-        lit = cv2.GaussianBlur(lit, (0, 0), float(random.uniform(0.2, 0.8)))
+        lit = np.asarray(cv2.GaussianBlur(lit, (0, 0), float(random.uniform(0.2, 0.8))), lit.dtype)
     noise = random.uniform(0.0, 4.0) * random.standard_normal(lit.shape, np.float32)
     return np.asarray(np.clip(lit + noise + 0.5, 0, 255).astype(np.uint8))
