@@ -26,6 +26,7 @@ COMMANDS = {
     "formats": ("formats", "list those formats: what opens them, how exact they are"),
     "refine": ("refine", "draw every frame of a run as it would have been drawn"),
     "inbetween": ("inbetween", "draw frames between two frames of a run, at any size"),
+    "deform": ("deform", "drag points of the puppet in one frame of a run; the rest follows"),
     "retarget": ("retarget", "put the motion of a run on another puppet"),
     "status": ("status", "say for each stage whether it is kept or would run, and why"),
     "prune": ("prune", "clear results that no run refers to"),

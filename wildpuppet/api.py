@@ -27,6 +27,7 @@ from wildpuppet.paint.template import write_template
 from wildpuppet.recut import clip_of_run, is_clip, source_of_run
 from wildpuppet.refine.refiner import Refiner
 from wildpuppet.refiners import refiner_of_run
+from wildpuppet.remake.deform import Deformed, Handle, deformed_frame, handle_from
 from wildpuppet.remake.inbetween import SIZE, Inbetweens, inbetweens_of_run
 from wildpuppet.remake.retarget import Retargeted, retargeted_run
 from wildpuppet.runs import RunFolder
@@ -141,6 +142,22 @@ class Run(RunFolder):
         if folder is not None:
             finish.finish_run(self, refiner, folder, over, place, machine.progress)
         return refiner
+
+    def deform(
+        self,
+        frame: int,
+        handles: Sequence[Handle | str],
+        model: Model | None = None,
+        source: str | Path | None = None,
+    ) -> Deformed:
+        """Drag frame ``frame`` by handles, such as "hand:120,80->150,60" (part, point and target in video pixels).
+
+        ``vertices`` of the result are video pixels, ``posed.animation`` can be drawn. With ``model`` (``load_model``)
+        the network's codes are moved, else hinge rotations of the run's own frames. Raises InputError for a frame or
+        a part that is not there and for a point beside its part.
+        """
+        read = [handle_from(handle) if isinstance(handle, str) else handle for handle in handles]
+        return deformed_frame(self, frame, read, model, None if source is None else Path(source))
 
 
 def open_run(path: str | Path) -> Run:

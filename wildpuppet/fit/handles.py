@@ -4,9 +4,9 @@ Neural Puppet, section 3.5 (user-constrained deformation):
 
     L_deform = L_user + 25 L_reg + 50 L_joints,     L_user = sum_i |p_i(v) - target_i|^2
 
-p_i is a mix of three vertices (barycentric coordinates), L_reg as-rigid-as-possible (``geometry/arap.py``), L_joints the
-hinges' squared gaps. The weights balance with vertices in [-1, 1] along the crop's larger side. It can be lowered over
-a decoder's codes (``fit/pull_codes.py``: ours and the paper's) or over the vertices (``fit/pull_vertices.py``: the
+p_i is a mix of three vertices (barycentric coordinates), L_reg as-rigid-as-possible (``geometry/arap.py``), L_joints
+the hinges' squared gaps. The weights balance with vertices in [-1, 1] along the crop's larger side. It can be lowered
+over a decoder's codes (``fit/pull_codes.py``: ours and the paper's) or over the vertices (``fit/pull_vertices.py``: the
 baseline).
 
 A point x of the energy is all vertices in a row, (x0, y0, x1, y1, ...), in those units and relative to the crop's

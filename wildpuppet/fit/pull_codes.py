@@ -11,7 +11,7 @@ rows of one batch), never for all of z.
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -28,6 +28,7 @@ SMALL = 1e-3
 MOST_DAMPING = 1e6
 
 
+@runtime_checkable
 class Decoder(Protocol):
     """Anything that takes codes to vertices: the deformation network, or a space made of known poses."""
 
@@ -64,12 +65,12 @@ def decode_with_jacobian(
     def one(values: Float[Tensor, "Z"]) -> Float[Tensor, "V 2"]:
         return decoder.decode_tensor(values[None])[0]
 
-    def derivative(direction: Float[Tensor, "Z"]) -> tuple[Tensor, Tensor]:
-        found: tuple[Tensor, Tensor] = torch.func.jvp(one, (at,), (direction,))
-        return found
+    def derivative(direction: Float[Tensor, "Z"]) -> Tensor:
+        moved: Tensor = torch.func.jvp(one, (at,), (direction,))[1]
+        return moved
 
-    vertices, moved = torch.func.vmap(derivative, out_dims=(None, -1))(along)
-    return vertices.detach().numpy().astype(np.float64), moved.detach().numpy().astype(np.float64)
+    moved = torch.func.vmap(derivative, out_dims=-1)(along)
+    return decode(decoder, code), moved.detach().numpy().astype(np.float64)
 
 
 def plain_steps(
