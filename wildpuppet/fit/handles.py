@@ -9,8 +9,8 @@ the hinges' squared gaps. The weights balance with vertices in [-1, 1] along the
 over a decoder's codes (``fit/pull_codes.py``: ours and the paper's) or over the vertices (``fit/pull_vertices.py``: the
 baseline).
 
-A point x of the energy is all vertices in a row, (x0, y0, x1, y1, ...), in those units and relative to the crop's
-corner: nothing here depends on where the origin is.
+A point x of the energy (X = 2 V numbers) is all vertices in a row, (x0, y0, x1, y1, ...), in those units and relative
+to the crop's corner: nothing here depends on where the origin is.
 """
 
 from dataclasses import dataclass
@@ -73,7 +73,8 @@ class DeformEnergy:
 
     ``turn`` and ``cross`` (F, 2V) give the part of each triangle's Jacobian that turns and scales, ``shear`` (2F, 2V)
     the part that shears (``geometry/arap.py`` calls them s and d), all of them times the square root of their weight,
-    which is ``strength``. ``user`` (2N, 2V) and ``joints`` (2J, 2V) are weighted too. ``unit`` is the units per pixel.
+    which is ``strength``. ``user`` (2N, 2V) and ``joints`` (2J, 2V) are weighted too. ``gaps`` are the hinges' of the
+    undeformed shape (0 at rest). ``unit`` is the units per pixel.
     """
 
     turn: sparse.csr_array
@@ -81,9 +82,10 @@ class DeformEnergy:
     shear: sparse.csr_array
     strength: Float[np.ndarray, "F"]
     user: sparse.csr_array
-    targets: Float[np.ndarray, "2N"]
+    targets: Float[np.ndarray, "M"]
     joints: sparse.csr_array
-    mass: Float[np.ndarray, "2V"]
+    gaps: Float[np.ndarray, "_"]
+    mass: Float[np.ndarray, "X"]
     unit: float
 
     @cached_property
@@ -94,33 +96,33 @@ class DeformEnergy:
     @cached_property
     def wanted(self) -> Float[np.ndarray, "R"]:
         """What those rows ought to be."""
-        return np.concatenate([self.targets, np.zeros(self.joints.shape[0] + self.shear.shape[0])])
+        return np.concatenate([self.targets, self.gaps, np.zeros(self.shear.shape[0])])
 
-    def terms(self, x: Float[np.ndarray, "2V"]) -> dict[str, float]:
+    def terms(self, x: Float[np.ndarray, "X"]) -> dict[str, float]:
         """Compute the weighted terms."""
         stretch = self._length(x) - 2.0 * self.strength
         return {
             "user": float(((self.user @ x - self.targets) ** 2).sum()),
             "rigid": float((stretch**2).sum() + ((self.shear @ x) ** 2).sum()),
-            "joints": float(((self.joints @ x) ** 2).sum()),
+            "joints": float(((self.joints @ x - self.gaps) ** 2).sum()),
         }
 
-    def value(self, x: Float[np.ndarray, "2V"]) -> float:
+    def value(self, x: Float[np.ndarray, "X"]) -> float:
         """Compute L_deform."""
         return sum(self.terms(x).values())
 
-    def rows(self, x: Float[np.ndarray, "2V"]) -> Rows:
+    def rows(self, x: Float[np.ndarray, "X"]) -> Rows:
         """Linearise about x."""
         length, along, _ = self._turned(x)
         residual = np.concatenate([self.linear @ x - self.wanted, length - 2.0 * self.strength])
         return Rows(residual, sparse.csr_array(sparse.vstack([self.linear, along])))
 
-    def gradient(self, x: Float[np.ndarray, "2V"]) -> Float[np.ndarray, "2V"]:
+    def gradient(self, x: Float[np.ndarray, "X"]) -> Float[np.ndarray, "X"]:
         """Compute the derivative of L_deform."""
         rows = self.rows(x)
         return np.asarray(2.0 * (rows.jacobian.T @ rows.residual))
 
-    def tension(self, x: Float[np.ndarray, "2V"]) -> sparse.csr_array:
+    def tension(self, x: Float[np.ndarray, "X"]) -> sparse.csr_array:
         """Give the rows of the curvature that Gauss-Newton leaves out: of stretched triangles, by their turning.
 
         Squeezed triangles would curve the energy downwards; they give nothing, so that steps go down.
@@ -129,10 +131,10 @@ class DeformEnergy:
         share = np.sqrt(np.clip(1.0 - 2.0 * self.strength / length, 0.0, None))
         return sparse.csr_array(sparse.diags_array(share) @ across)
 
-    def _length(self, x: Float[np.ndarray, "2V"]) -> Float[np.ndarray, "F"]:
+    def _length(self, x: Float[np.ndarray, "X"]) -> Float[np.ndarray, "F"]:
         return np.asarray(np.hypot(self.turn @ x, self.cross @ x))
 
-    def _turned(self, x: Float[np.ndarray, "2V"]) -> tuple[Float[np.ndarray, "F"], sparse.csr_array, sparse.csr_array]:
+    def _turned(self, x: Float[np.ndarray, "X"]) -> tuple[Float[np.ndarray, "F"], sparse.csr_array, sparse.csr_array]:
         """Length of each triangle's s, and the rows along it and across it."""
         turn, cross = self.turn @ x, self.cross @ x
         length = np.maximum(np.hypot(turn, cross), LEAST_LENGTH)
@@ -145,8 +147,8 @@ def deform_energy(
 ) -> DeformEnergy:
     """Prepare the energy. ``rest`` is the undeformed shape at the size at which it is seen, pixels as the targets.
 
-    The paper's ``rest`` is the puppet at rest. With the pose that is dragged, a handle that stays where it is moves
-    nothing. ``unit`` is 2 over the crop's larger side.
+    The paper's ``rest`` is the puppet at rest. With the pose that is dragged, hinges that stand open may stay so, and a
+    handle that stays where it is moves nothing. ``unit`` is 2 over the crop's larger side.
     """
     count = len(puppet.vertices)
     shape = arap_rest(np.asarray(rest, np.float64) * unit, puppet.triangles)
@@ -154,6 +156,7 @@ def deform_energy(
     across, down = (_slopes(shape.inverses[:, :, k], puppet.triangles, count) for k in (0, 1))
     scale = sparse.diags_array(strength)
     shear = [_on(scale @ across, scale @ (-down)), _on(scale @ down, scale @ across)]
+    joints = in_plane(np.sqrt(JOINTS) * joint_rows(puppet))
     lumped = np.bincount(puppet.triangles.reshape(-1), np.repeat(shape.areas / 3, 3), count)
     return DeformEnergy(
         turn=_on(scale @ across, scale @ down),
@@ -162,7 +165,8 @@ def deform_energy(
         strength=strength,
         user=in_plane(handles.rows(count)),
         targets=(handles.targets * unit).reshape(-1).astype(np.float64),
-        joints=in_plane(np.sqrt(JOINTS) * joint_rows(puppet)),
+        joints=joints,
+        gaps=np.asarray(joints @ (np.asarray(rest, np.float64).reshape(-1) * unit)),
         mass=np.repeat(lumped, 2),
         unit=unit,
     )

@@ -33,7 +33,7 @@ def pull_vertices(
     first = start.reshape(-1).astype(np.float64) * energy.unit
     x, held = first, hold * energy.mass
 
-    def total(at: Float[np.ndarray, "2V"]) -> float:
+    def total(at: Float[np.ndarray, "X"]) -> float:
         return energy.value(at) + float(held @ (at - first) ** 2)
 
     value, damping = total(x), 1e-6
@@ -79,6 +79,6 @@ def settle(
     return np.asarray((x / energy.unit).reshape(-1, 2))
 
 
-def _curvature(energy: DeformEnergy, x: Float[np.ndarray, "2V"]) -> sparse.csr_array:
+def _curvature(energy: DeformEnergy, x: Float[np.ndarray, "X"]) -> sparse.csr_array:
     rows, stretched = energy.rows(x).jacobian, energy.tension(x)
     return sparse.csr_array(rows.T @ rows + stretched.T @ stretched)
