@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from wildpuppet.errors import WildPuppetError
 from wildpuppet.store import digest_of, read_json
 
 from .paper_tables import stages_of
@@ -33,7 +34,10 @@ def scores_of(work: SetWork, name: str) -> "list[Score] | str":
     tree = read_json(path) if path.is_file() else {}
     if (tree.get("schema"), tree.get("identity")) != (SCHEMA, identity):
         work.reporter.begin(name)
-        tree = {"schema": SCHEMA, "identity": identity, **APPLICATIONS[name](work)}
+        try:
+            tree = {"schema": SCHEMA, "identity": identity, **APPLICATIONS[name](work)}
+        except WildPuppetError as error:
+            return str(error)
         work.reporter.end(name, False)
         atomic.write_text(path, msgspec.json.format(msgspec.json.encode(tree), indent=1).decode())
     if not tree["scores"]:
