@@ -95,7 +95,7 @@ class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     angles: Annotated[int, Meta(ge=8, le=120)] = 36
     """Rotations of a full turn that are tried."""
     coarse: Share = 0.67
-    """Pixels and angles of a first search, whose poses the fine one starts from too, as a share; 0 leaves it out."""
+    """Pixels and angles of a first search of unordered drawings, as a share of the fine one's; 0 leaves it out."""
     num_best: Annotated[int, Meta(ge=1, le=64)] = 8
     """Hypotheses kept per frame, beside those in which twin limbs trade places."""
     colours: Annotated[int, Meta(ge=2, le=64)] = 20

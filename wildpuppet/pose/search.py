@@ -103,9 +103,10 @@ def search(
     ``placement`` (crop from canvas) stands for the reference crop; ``size`` (crop pixels per canvas pixel) is
     expected in the first of ``frames`` (``size_after`` chains chunks).
     A frame that shows the drawing of the frame solved before it repeats its poses: its window moves with the drawing.
+    A clip's frame starts from the poses of the frame before, an unordered drawing from those of a coarse search.
     """
     searcher = searcher_of(puppet, placement, settings)
-    coarse = _coarse_searcher(puppet, placement, settings)
+    coarse = None if crops.ordered else _coarse_searcher(puppet, placement, settings)
     expected = _expected_steps(searcher, crops, placement)
     step = searcher.size_step(size)
     found: list[tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]] = []
