@@ -22,6 +22,8 @@ from wildpuppet.types import Crops, Hypotheses, Poses, Puppet
 
 HIDDEN = 0.2
 """A part is hidden when less than this share of its mesh is seen, which reaches about as far again as its drawing."""
+UNSEEN = 0.05
+"""A part of which less than this share is seen moves freely; one of which more is moves only to a better place."""
 ANGLES = 48
 """Turns of a hidden part that are tried."""
 NO_WORSE = 0.02
@@ -61,20 +63,22 @@ def follow_hidden(
 def _turn_hidden(shot: Shot, tree: Tree, edge: Edge) -> None:
     """Turn a part, with all that hangs from it, through the drawings in which all of that is hidden."""
     limb = list(tree.below(edge.child))
-    hidden = (shot.seen()[:, limb] < HIDDEN).all(1) & ~shot.is_fixed
+    seen = shot.seen()[:, limb].max(1)
+    hidden = (seen < HIDDEN) & ~shot.is_fixed
     for run in _runs(hidden):
         rows = range(max(0, run.start - 2), min(len(hidden), run.stop + 2))
         candidates = [_turned(shot.maps[row], edge, limb) if row in run else shot.maps[row : row + 1] for row in rows]
-        costs = [_gains(shot.costs(row, poses)) for row, poses in zip(rows, candidates, strict=True)]
+        slack = np.where(seen < UNSEEN, NO_WORSE, 0.0)
+        costs = [_gains(shot.costs(row, poses), slack[row]) for row, poses in zip(rows, candidates, strict=True)]
         path = steadiest_path(costs, [_turns(poses, edge) for poses in candidates])
         for row, poses, best in zip(rows, candidates, path, strict=True):
             shot.maps[row] = poses[best]
 
 
-def _gains(costs: Float[np.ndarray, "B"]) -> Float[np.ndarray, "B"]:
-    """Rule out what costs more than the first, count what costs less, take the rest for equal."""
-    gains: Float[np.ndarray, "B"] = np.minimum(costs - costs[0] + NO_WORSE, 0.0)
-    return np.where(costs <= costs[0] + NO_WORSE, gains, np.inf)
+def _gains(costs: Float[np.ndarray, "B"], slack: float) -> Float[np.ndarray, "B"]:
+    """Rule out what costs more than the first and ``slack``, count what costs less, take the rest for equal."""
+    gains: Float[np.ndarray, "B"] = np.minimum(costs - costs[0] + slack, 0.0)
+    return np.where(costs <= costs[0] + slack, gains, np.inf)
 
 
 def steadiest_path(costs: list[Float[np.ndarray, "_"]], angles: list[Float[np.ndarray, "_"]]) -> list[int]:
