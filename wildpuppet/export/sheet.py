@@ -44,7 +44,7 @@ def sheet(source_of: Callable[[int], Picture], puppet: Puppet, crops: Crops, fit
     cells = [
         _cell(source_of(int(fit.frames[index])), windows[index], placed[index], fit, index, overlay) for index in chosen
     ]
-    body = _grid(cells)
+    body = grid(cells)
     chart = draw_chart(fit, chosen, body.shape[1])
     return np.concatenate([_legend(puppet, body.shape[1]), body, chart])
 
@@ -109,15 +109,16 @@ def _cut(source: Picture, window: Window) -> Picture:
     return np.asarray(cv2.resize(cut, (FINE, FINE), interpolation=kind))
 
 
-def _grid(cells: Sequence[Picture]) -> Picture:
+def grid(cells: Sequence[Picture]) -> Picture:
+    """Lay cells of one size out in rows of ``CELL_COLUMNS``."""
     columns = min(CELL_COLUMNS, len(cells))
     rows = -(-len(cells) // columns)
     height, width = (cells[0].shape[axis] + GAP for axis in range(2))
-    grid = np.full((rows * height, columns * width, 3), BACKGROUND, np.uint8)
+    sheet = np.full((rows * height, columns * width, 3), BACKGROUND, np.uint8)
     for number, cell in enumerate(cells):
         y, x = number // columns * height, number % columns * width
-        grid[y : y + cell.shape[0], x : x + cell.shape[1]] = cell
-    return grid
+        sheet[y : y + cell.shape[0], x : x + cell.shape[1]] = cell
+    return sheet
 
 
 def _legend(puppet: Puppet, width: int) -> Picture:

@@ -11,7 +11,7 @@ from PIL import Image
 from wildpuppet.export.draw import Painter
 from wildpuppet.export.lettering import write_text
 from wildpuppet.export.png import COMPRESSION, numbered
-from wildpuppet.export.sheet import BACKGROUND, GAP, TILE, WORDS, spread
+from wildpuppet.export.sheet import BACKGROUND, TILE, WORDS, grid, spread
 from wildpuppet.export.source import over_white
 from wildpuppet.machine import Progress
 from wildpuppet.remake.inbetween import Inbetweens
@@ -22,7 +22,7 @@ Finish = Callable[[int, UInt8[np.ndarray, "H W 4"]], UInt8[np.ndarray, "H W 4"]]
 """Turns a rendered frame (its number, straight RGBA) into a finished one."""
 
 FRAMES, STEM = "frames", "inbetween"
-COLUMNS, MOST_CELLS = 3, 24
+MOST_CELLS = 24
 AROUND = 1.12
 
 
@@ -65,7 +65,7 @@ def contact_sheet(found: Inbetweens, paths: list[Path], picture_of: Callable[[in
         strip = np.full((WORDS, TILE * len(tiles), 3), BACKGROUND, np.uint8)
         write_text(strip, (4, 1), words)
         cells.append(np.concatenate([strip, np.concatenate(tiles, 1)]))
-    return _grid(cells)
+    return grid(cells)
 
 
 def _caption(t: int, count: int) -> str:
@@ -100,17 +100,6 @@ def _tile(picture: Picture, window: tuple[float, float, float]) -> UInt8[np.ndar
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     white = (255, 255, 255)
     return np.asarray(cv2.warpAffine(shrunk, matrix, (TILE, TILE), flags=flags, borderValue=white), np.uint8)
-
-
-def _grid(cells: list[Picture]) -> UInt8[np.ndarray, "height width 3"]:
-    columns = min(COLUMNS, len(cells))
-    rows = -(-len(cells) // columns)
-    height, width = (cells[0].shape[axis] + GAP for axis in range(2))
-    grid = np.full((rows * height, columns * width, 3), BACKGROUND, np.uint8)
-    for number, cell in enumerate(cells):
-        y, x = number // columns * height, number % columns * width
-        grid[y : y + cell.shape[0], x : x + cell.shape[1]] = cell
-    return grid
 
 
 def _over_white(paths: list[Path]) -> Iterator[Picture]:
