@@ -14,12 +14,12 @@ from scipy.sparse.linalg import splu
 
 from wildpuppet.fit.handles import DeformEnergy
 
-HOLD = 0.3
+HOLD = 3.0
 """Pull of each vertex towards its start. Higher: the neighbourhood of a handle moves; lower: all of the puppet."""
 SETTLE_HOLD = 100.0
 """The same for the last pixel: local."""
 MOST_STEPS = 100
-SMALL = 1e-9
+SMALL = 1e-8
 """Share of the energy under which a step counts as none."""
 TIE = 1e-10
 """Lets constraints that say the same thing twice agree on the mean."""

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from wildpuppet.fit.handles import Handles, deform_energy
-from wildpuppet.fit.pull_codes import Decoder, Subspace, decode, pull_codes
+from wildpuppet.fit.pull_codes import Decoder, Subspace, decode, decode_with_jacobian, pull_codes
 from wildpuppet.fit.pull_vertices import settle
 from wildpuppet.types import Puppet
 
@@ -31,10 +31,11 @@ SPREAD = 0.3
 """How exactly the known poses are believed, in the same distances."""
 KNOWN_RIGID = 0.1
 """Weight of L_reg among known poses. Their parts bend as they were drawn; the paper's 25 would straighten them."""
-FAR = 0.05
+FAR = 0.15
 """A handle that known poses leave this far from its target, of [-1, 1], is met by turning parts."""
-TURNING, TURNING_SPREAD = 0.1, 0.003
-"""Radians by which parts turn then, beside how exactly (of [-1, 1]) handles are met."""
+TURNING, MOST_TURN, TURNING_SPREAD = 0.01, 0.5, 0.003
+"""What a part turns by at the cost 1: so that the puppet moves by this much (of [-1, 1], root mean square over all
+vertices), by so many radians at most, beside how exactly handles are met. A hand turns before a leg."""
 MOST_DIRECTIONS = 48
 LONE_SPACING = 0.01
 """Typical distance, as a share of the pose's size, where there are not two poses to measure it on."""
@@ -77,7 +78,7 @@ def drag(
     code = pull_codes(energy, decoder, space)
     if len(known.turnings) and kept.missing(decode(decoder, code)).max() * unit > FAR:
         energy = deform_energy(puppet, decode(decoder, code), kept, unit, rigid)
-        code = pull_codes(energy, decoder, Subspace(code, TURNING * known.turnings, TURNING_SPREAD))
+        code = pull_codes(energy, decoder, turning(decoder, code, known, unit))
     decoded = decode(decoder, code) + left
     return Dragged(settle(deform_energy(puppet, decoded, handles, unit), decoded), decoded, code)
 
@@ -93,6 +94,14 @@ def subspace(known: Known, start: int, handles: Handles, unit: float) -> Subspac
     used = np.argsort(-wide, kind="stable")[:MOST_DIRECTIONS]
     directions = np.sqrt(wide[used])[:, None] * (known.codes[used] - centre)
     return Subspace(centre, directions, SPREAD * spacing)
+
+
+def turning(decoder: Decoder, code: Float[np.ndarray, "Z"], known: Known, unit: float) -> Subspace:
+    """Let every part turn, the more readily the less of the puppet goes with it."""
+    _, moved = decode_with_jacobian(decoder, code, known.turnings)
+    swing = np.sqrt((moved**2).sum(1).mean(0)) * unit
+    radians = np.minimum(TURNING / np.maximum(swing, np.finfo(float).tiny), MOST_TURN)
+    return Subspace(code, radians[:, None] * known.turnings, TURNING_SPREAD)
 
 
 def typical_spacing(vertices: Float[np.ndarray, "K V 2"]) -> float:

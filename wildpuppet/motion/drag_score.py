@@ -1,0 +1,195 @@
+"""Drag points of a drawing to where they are in another: how right is the whole pose then?
+
+    scores = drag_scores(run.puppet, run.crops, run.fit, read_truth(Path("bench/gbot/gt.npz")))
+    scores.mean("ours", 2), scores.mean("vertices", 2)      # two handles: mean error in pixels
+
+Every drawing kept for testing is reached from the training drawing before it. One to three of its points are dragged to
+their true places; all points that are seen in both drawings count. The first handle is the point that has the farthest
+to go, each further one the farthest among those that are not near a handle (``farthest``), or they are drawn by chance.
+
+``start`` does nothing. ``printed`` is the paper's energy over the vertices (against the puppet at rest, hinges closed),
+``vertices`` the better baseline (against the pose that is dragged, hinges as open as there), both converged. ``paper``
+takes the paper's plain steps in the code, ``ours`` is ``motion/drag.py``. Known poses and the start are the run's own
+fits of training drawings, or (``by_truth``) those drawings posed by their true points: what dragging alone loses.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from wildpuppet.correspond.locate import Anchors, locate
+from wildpuppet.correspond.pck import Truth
+from wildpuppet.fit.handles import Handles, deform_energy
+from wildpuppet.fit.pull_codes import Decoder, decode, plain_steps
+from wildpuppet.fit.pull_vertices import pull_vertices
+from wildpuppet.geometry.arap import arap_rest, best_scale_of
+from wildpuppet.machine import Progress, silent
+from wildpuppet.motion.drag import Known, drag
+from wildpuppet.motion.pose_space import pose_space_of
+from wildpuppet.pose.place import pose_vertices
+from wildpuppet.pose.similarity import placed, similarities
+from wildpuppet.types import Crops, Fit, Puppet
+
+Choice = Literal["farthest", "random"]
+Space = tuple[Decoder, Known]
+SpaceOf = Callable[[Float[np.ndarray, "K V 2"], int], Space]
+"""Makes a decoder and the known poses' codes of poses (crop pixels) and the row that is dragged."""
+
+COUNTS = (1, 2, 3)
+TRUE_RIGID, TRUE_HOLD = 0.05, 1e-3
+"""How little stiffness and hold count beside true points."""
+APART = 0.15
+"""Handles are at least this share of the picture's larger side apart."""
+
+
+@dataclass(frozen=True)
+class DragScores:
+    """``errors[method, count]`` lists the mean error of each of ``frames``, video pixels; ``length`` is L."""
+
+    frames: tuple[int, ...]
+    length: float
+    errors: Mapping[tuple[str, int], tuple[float, ...]]
+
+    def mean(self, method: str, count: int) -> float:
+        """Average over the drawings, pixels."""
+        return float(np.mean(self.errors[method, count]))
+
+    def ratio(self, count: int, method: str = "ours", baseline: str = "vertices") -> float:
+        """Compare two methods' means."""
+        return self.mean(method, count) / self.mean(baseline, count)
+
+
+def drag_scores(
+    puppet: Puppet,
+    crops: Crops,
+    fit: Fit,
+    truth: Truth,
+    by_truth: bool = False,
+    choice: Choice = "farthest",
+    space_of: SpaceOf | None = None,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> DragScores:
+    """Drag to every drawing of ``truth.test``; drawings only (one window for all frames)."""
+    if truth.test is None:
+        raise ValueError("expected a truth with drawings kept for testing")
+    scene = _scene(puppet, crops, fit, truth, by_truth)
+    spaces = space_of or hinge_space(puppet)
+    errors: dict[tuple[str, int], list[float]] = {}
+    for done, frame in enumerate(truth.test.tolist(), 1):
+        for count in COUNTS:
+            handles = _handles(scene, frame, count, choice, np.random.default_rng([seed, frame, count]))
+            for method, pose in _answers(puppet, scene, frame, handles, spaces).items():
+                errors.setdefault((method, count), []).append(scene.error(pose, frame))
+        progress(done, len(truth.test))
+    frames = tuple(int(frame) for frame in truth.test)
+    return DragScores(frames, float(truth.length.max()), {name: tuple(found) for name, found in errors.items()})
+
+
+def hinge_space(puppet: Puppet) -> SpaceOf:
+    """Take hinge rotations for codes."""
+    space = pose_space_of(puppet)
+    return lambda poses, start: (space, Known(poses, space.encode(poses, poses[start]), space.turnings()))
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """The training drawings' poses, and where the true points are; crop pixels. ``rows`` are drawings' numbers."""
+
+    anchors: Anchors
+    points: Float[np.ndarray, "T N 2"]
+    seen: Bool[np.ndarray, "T N"]
+    rows: Int[np.ndarray, "K"]
+    poses: Float[np.ndarray, "K V 2"]
+    unit: float
+    video_from_crop: float
+
+    def start(self, frame: int) -> int:
+        """Row of the training drawing before a drawing (after it, if there is none)."""
+        return max(0, int(np.searchsorted(self.rows, frame)) - 1)
+
+    def rest(self, puppet: Puppet, pose: Float[np.ndarray, "V 2"]) -> Float[np.ndarray, "V 2"]:
+        """Give the puppet at rest at the size that it has in a pose."""
+        rest = arap_rest(puppet.vertices.astype(np.float64), puppet.triangles)
+        return np.asarray(puppet.vertices * float(best_scale_of(pose[None], rest)[0]))
+
+    def error(self, pose: Float[np.ndarray, "V 2"], frame: int) -> float:
+        """Mean distance of the points, video pixels."""
+        away = np.linalg.norm(self.anchors.mix(pose[None])[0] - self.points[frame], axis=-1)
+        return float(away[self.seen[frame]].mean()) * self.video_from_crop
+
+
+def _scene(puppet: Puppet, crops: Crops, fit: Fit, truth: Truth, by_truth: bool) -> _Scene:
+    window = crops.video_from_crop[0].astype(np.float64)
+    scale = float(window[0, 0])
+    points = (truth.points.astype(np.float64) - window[:, 2]) / scale
+    base = fit.vertices_crop[truth.reference].astype(np.float64)
+    parts = [puppet.names[part] for part in truth.part]
+    anchors = locate(puppet, base, fit.order[truth.reference], points[truth.reference], parts)
+    assert truth.test is not None
+    is_known = ~np.isin(np.arange(len(points)), truth.test)
+    if not by_truth:
+        is_known &= np.array([state in ("fitted", "held") for state in fit.state])
+    rows = np.flatnonzero(is_known)
+    given = truth.visible[truth.reference] & np.isfinite(anchors.weights).all(1)
+    poses = fit.vertices_crop[rows].astype(np.float64)
+    unit = 2.0 / max(crops.size)
+    if by_truth:
+        true = np.where(given[:, None], points[rows], np.nan)
+        poses = np.stack([_posed_by_truth(puppet, *each, anchors, unit) for each in zip(poses, true, strict=True)])
+    seen = truth.visible & given & np.isfinite(points).all(-1)
+    return _Scene(anchors, points, seen, rows, poses, unit, scale)
+
+
+def _posed_by_truth(
+    puppet: Puppet, pose: Float[np.ndarray, "V 2"], points: Float[np.ndarray, "N 2"], anchors: Anchors, unit: float
+) -> Float[np.ndarray, "V 2"]:
+    """Bend the puppet through points that are known, parts without any as the hinges say; start from a fitted pose."""
+    known = np.isfinite(points).all(1)
+    maps = similarities(puppet, pose[None])[0]
+    at_rest = anchors.mix(puppet.vertices[None])[0][known]
+    start = pose_vertices(puppet, placed(maps, anchors.layer[known], at_rest, points[known]))
+    size = float(np.median(np.sqrt(np.abs(np.linalg.det(maps[:, :, :2])))))
+    handles = Handles(anchors.corners[known], anchors.weights[known], points[known])
+    return pull_vertices(deform_energy(puppet, size * puppet.vertices, handles, unit, TRUE_RIGID), start, TRUE_HOLD, 20)
+
+
+def _handles(scene: _Scene, frame: int, count: int, choice: Choice, generator: np.random.Generator) -> Handles:
+    seen = np.flatnonzero(scene.seen[frame])
+    if choice == "random":
+        chosen = generator.choice(seen, min(count, len(seen)), replace=False)
+    else:
+        places = scene.anchors.mix(scene.poses[scene.start(frame)][None])[0][seen]
+        chosen = seen[_farthest(places, scene.points[frame][seen], count, APART * 2.0 / scene.unit)]
+    return Handles(scene.anchors.corners[chosen], scene.anchors.weights[chosen], scene.points[frame][chosen])
+
+
+def _farthest(
+    places: Float[np.ndarray, "n 2"], targets: Float[np.ndarray, "n 2"], count: int, apart: float
+) -> Int[np.ndarray, "c"]:
+    way = np.linalg.norm(places - targets, axis=-1)
+    chosen: list[int] = []
+    for _ in range(min(count, len(way))):
+        chosen.append(int(way.argmax()))
+        way = np.where(np.linalg.norm(places - places[chosen[-1]], axis=-1) < apart, -1.0, way)
+    return np.array(chosen)
+
+
+def _answers(
+    puppet: Puppet, scene: _Scene, frame: int, handles: Handles, space_of: SpaceOf
+) -> dict[str, Float[np.ndarray, "V 2"]]:
+    row = scene.start(frame)
+    start = scene.poses[row]
+    decoder, known = space_of(scene.poses, row)
+    energy = deform_energy(puppet, start, handles, scene.unit)
+    stepped = plain_steps(energy, decoder, known.codes[row])
+    return {
+        "start": start,
+        "printed": pull_vertices(deform_energy(puppet, scene.rest(puppet, start), handles, scene.unit), start),
+        "vertices": pull_vertices(energy, start),
+        "paper": decode(decoder, stepped) + start - decode(decoder, known.codes[row]),
+        "ours": drag(puppet, decoder, known, row, handles, scene.unit).vertices,
+    }
