@@ -116,7 +116,7 @@ def main(arguments: Arguments) -> None:
         asked = arguments.settings if arguments.config else merged(past.request.settings, changes)
         request = replace(past.request, settings=asked)
         for step, verdict in status_of(request, Store(arguments.store), past.stages).items():
-            sys.stdout.write(f"  {step:<10}{verdict}\n")
+            sys.stdout.write(f"  {step:<12}{verdict}\n")
         sys.stdout.write(advice(past))
 
 

@@ -87,7 +87,7 @@ def test_a_point_ends_where_it_was_put_and_only_what_depends_on_it_runs_again(
     flag = clip.points("hand.csv", x, y)
     assert clip.run("--keyframe", flag, out="keyed") == 0
     assert np.linalg.norm(clip.point_of("keyed") - (x, y)) < POINT_PIXELS
-    again = {"keyframes.part", "keyframes", "choose", "fit.keyed", "fit", "exposure", "meshes"}
+    again = {"keyframes.part", "keyframes", "choose", "fit.keyed", "fit", "confidence", "exposure", "meshes"}
     assert set(made(clip, "keyed")) == again
     assert made_now(capsys.readouterr().err)[0] == "keyframes"
     assert clip.run(out="plain") == 0

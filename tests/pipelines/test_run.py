@@ -215,7 +215,7 @@ def test_prune_clears_what_no_run_refers_to(tmp_path: Path, capsys: pytest.Captu
     assert "cleared 0 results" in capsys.readouterr().out
     shutil.rmtree(tmp_path / "second")
     assert run_command(["prune", *store]) == 0
-    assert "cleared 4 results" in capsys.readouterr().out
+    assert "cleared 5 results" in capsys.readouterr().out
     assert drawn.run() == 0
     assert made_now(capsys.readouterr().err) == []
 
