@@ -234,7 +234,7 @@ def test_status_of_a_video_shows_every_run_on_it_with_its_own_settings(
         str(tmp_path / "first"),
         str(tmp_path / "second"),
     ]
-    assert told.count("puppet    kept") == 2
+    assert told.count("puppet      kept") == 2
     assert told.count("stopped before its end") == 2
     assert run_command(["status", str(drawn.video), *store, "--puppet.margin", "5"]) == 0
     assert capsys.readouterr().out.count("would run because settings.puppet.margin 4.0 -> 5.0") == 2
