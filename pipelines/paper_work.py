@@ -107,9 +107,7 @@ def ours_settings(work: SetWork) -> Settings:
 def paper_settings(work: SetWork, seed: int = 0) -> Settings:
     """Give the paper preset's search, fit and training with a seed; crops and puppet are those of our own run."""
     preset = read_preset("paper")
-    settings = msgspec.structs.replace(
-        work.options.settings, search=preset.search, fit=preset.fit, train=preset.train
-    )
+    settings = msgspec.structs.replace(work.options.settings, search=preset.search, fit=preset.fit, train=preset.train)
     return merged(settings, {"train": {**work.effort.paper, "seed": seed}, "out": {"preview": False}})
 
 

@@ -7,21 +7,21 @@ python openimageio.py info FILE.exr                                       channe
 import json
 import sys
 
-import OpenImageIO as oiio
+import OpenImageIO
 
 
 def st_warp(atlas: str, maps: str, channels: str, width: str, height: str, out: str) -> None:
-    every = oiio.ImageBuf(maps)
+    every = OpenImageIO.ImageBuf(maps)
     u, v = (list(every.spec().channelnames).index(name) for name in channels.split(","))
-    texture = oiio.ImageBuf(atlas)  # a PNG comes premultiplied
-    roi = oiio.ROI(0, int(width), 0, int(height), 0, 1, 0, 4)  # by default it is the texture's
-    drawn = oiio.ImageBufAlgo.st_warp(texture, every, "triangle", 0.0, u, v, False, True, roi=roi)
+    texture = OpenImageIO.ImageBuf(atlas)  # a PNG comes premultiplied
+    roi = OpenImageIO.ROI(0, int(width), 0, int(height), 0, 1, 0, 4)  # by default it is the texture's
+    drawn = OpenImageIO.ImageBufAlgo.st_warp(texture, every, "triangle", 0.0, u, v, False, True, roi=roi)
     if drawn.has_error or not drawn.write(out, "float"):
         sys.exit(drawn.geterror())
 
 
 def info(path: str) -> None:
-    spec = oiio.ImageBuf(path).spec()
+    spec = OpenImageIO.ImageBuf(path).spec()
     said = {each.name: str(each.value) for each in spec.extra_attribs}
     sys.stdout.write(json.dumps({"channels": list(spec.channelnames), "format": str(spec.format), "said": said}))
 

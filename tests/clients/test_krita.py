@@ -1,4 +1,4 @@
-"""Krita opens layered exports: the merged picture, and every layer's name, place and pixels after it saved them anew."""
+"""Krita opens layered exports: the merged picture, and each layer's name, place and pixels after it saved them."""
 
 import shutil
 import subprocess

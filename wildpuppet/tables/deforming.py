@@ -40,9 +40,7 @@ FINE = 256
 SCHEMA = "wildpuppet.autoencoder/1"
 
 
-def train_deforming(
-    drawings: list[Picture], seed: int, machine: Machine, steps: int = STEPS
-) -> DeformingAutoEncoder:
+def train_deforming(drawings: list[Picture], seed: int, machine: Machine, steps: int = STEPS) -> DeformingAutoEncoder:
     """Train on drawings of one size."""
     with one_thread():
         known = functional.pad(torch.stack([_square(picture) for picture in drawings]), (SHIFT,) * 4, value=1.0)
@@ -104,9 +102,7 @@ def read_deforming(network: DeformingAutoEncoder, drawing: Picture) -> Reading:
     return Reading(picture, seen.warps[0].permute(1, 2, 0).numpy())
 
 
-def carried_by_warps(
-    readings: list[Reading], points: Float[np.ndarray, "A N 2"]
-) -> Float[np.ndarray, "A A N 2"]:
+def carried_by_warps(readings: list[Reading], points: Float[np.ndarray, "A N 2"]) -> Float[np.ndarray, "A A N 2"]:
     """Carry every drawing's points to every drawing: to the place whose texture place is nearest to theirs."""
     height, width = readings[0].picture.shape[:2]
     larger = max(height, width)

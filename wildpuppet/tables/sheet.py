@@ -52,4 +52,3 @@ def fitted(picture: Picture, tile: int) -> UInt8[np.ndarray, "tile tile 3"]:
     top, left = (tile - size[1]) // 2, (tile - size[0]) // 2
     square[top : top + size[1], left : left + size[0]] = small
     return square
-

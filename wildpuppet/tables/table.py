@@ -70,9 +70,7 @@ def markdown(
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
-def _shown(
-    cells: Sequence[Cell | None], num_sets: int, digits: int, show: Callable[[float], float] | None
-) -> str:
+def _shown(cells: Sequence[Cell | None], num_sets: int, digits: int, show: Callable[[float], float] | None) -> str:
     known = [each for each in cells if each is not None]
     if not known:
         return "-"
