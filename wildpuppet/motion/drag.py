@@ -21,7 +21,7 @@ from wildpuppet.fit.pull_codes import Decoder, Subspace, decode, decode_with_jac
 from wildpuppet.fit.pull_vertices import settle
 from wildpuppet.types import Puppet
 
-NEAR_POSE = 0.25
+NEAR_POSE = 0.2
 """How far, in drags, a known pose may be from the dragged one (per vertex) to count by half or so."""
 NEAR_TARGET = 0.5
 """The same for how far its points are from the targets."""
@@ -31,6 +31,8 @@ SPREAD = 0.3
 """How exactly the known poses are believed, in the same distances."""
 KNOWN_RIGID = 0.1
 """Weight of L_reg among known poses. Their parts bend as they were drawn; the paper's 25 would straighten them."""
+DOUBT = 0.03
+"""A known pose counts for a third where its confidence is this much below that of the dragged one."""
 FAR = 0.15
 """A handle that known poses leave this far from its target, of [-1, 1], is met by turning parts."""
 TURNING, MOST_TURN, TURNING_SPREAD = 0.01, 0.5, 0.003
@@ -45,12 +47,14 @@ LONE_SPACING = 0.01
 class Known:
     """K poses that are known, pixels, and their codes; ``turnings`` are directions in which a code turns one part.
 
-    Decoders that know no parts have no ``turnings``: (0, Z).
+    Decoders that know no parts have no ``turnings``: (0, Z). ``trust`` is each pose's confidence, 0..1, where
+    they are not all alike.
     """
 
     vertices: Float[np.ndarray, "K V 2"]
     codes: Float[np.ndarray, "K Z"]
     turnings: Float[np.ndarray, "L Z"]
+    trust: Float[np.ndarray, "K"] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +92,10 @@ def subspace(known: Known, start: int, handles: Handles, unit: float) -> Subspac
     spacing = typical_spacing(known.vertices) * unit
     pose, target = _distances(known, start, handles, unit)
     way, least = float(target[start]), (REACH * spacing) ** 2
-    near = _weights(pose, target, NEAR_POSE**2 * way, NEAR_TARGET**2 * way)
-    wide = _weights(pose, target, NEAR_POSE**2 * way + least, NEAR_TARGET**2 * way + least)
+    trust = np.ones(len(known.codes)) if known.trust is None else known.trust
+    doubt = np.maximum(trust[start] - trust, 0.0) / DOUBT
+    near = _weights(pose, target, doubt, NEAR_POSE**2 * way, NEAR_TARGET**2 * way)
+    wide = _weights(pose, target, doubt, NEAR_POSE**2 * way + least, NEAR_TARGET**2 * way + least)
     centre = near @ known.codes
     used = np.argsort(-wide, kind="stable")[:MOST_DIRECTIONS]
     directions = np.sqrt(wide[used])[:, None] * (known.codes[used] - centre)
@@ -126,9 +132,13 @@ def _distances(
 
 
 def _weights(
-    pose: Float[np.ndarray, "K"], target: Float[np.ndarray, "K"], pose_scale: float, target_scale: float
+    pose: Float[np.ndarray, "K"],
+    target: Float[np.ndarray, "K"],
+    doubt: Float[np.ndarray, "K"],
+    pose_scale: float,
+    target_scale: float,
 ) -> Float[np.ndarray, "K"]:
     tiny = 1e-12
-    logarithm = -pose / (2.0 * pose_scale + tiny) - target / (2.0 * target_scale + tiny)
+    logarithm = -doubt - pose / (2.0 * pose_scale + tiny) - target / (2.0 * target_scale + tiny)
     weights = np.exp(logarithm - logarithm.max())
     return np.asarray(weights / weights.sum())

@@ -11,10 +11,12 @@ to go, each further one the farthest among those that are not near a handle (``f
 ``vertices`` the better baseline (against the pose that is dragged, hinges as open as there), both converged. ``paper``
 takes the paper's plain steps in the code, ``ours`` is ``motion/drag.py``. Known poses and the start are the run's own
 fits of training drawings, or (``by_truth``) those drawings posed by their true points: what dragging alone loses.
+Points that the start has wrong in its own drawing (a swapped limb) are neither dragged nor counted: no person would
+drag a point of one hand to where the other is.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -41,6 +43,8 @@ SpaceOf = Callable[[Float[np.ndarray, "K V 2"], int], Space]
 COUNTS = (1, 2, 3)
 TRUE_RIGID, TRUE_HOLD = 0.05, 1e-3
 """How little stiffness and hold count beside true points."""
+WRONG = 0.05
+"""A point of the start is wrong from this share of L on."""
 APART = 0.15
 """Handles are at least this share of the picture's larger side apart."""
 
@@ -104,6 +108,7 @@ class _Scene:
     seen: Bool[np.ndarray, "T N"]
     rows: Int[np.ndarray, "K"]
     poses: Float[np.ndarray, "K V 2"]
+    trust: Float[np.ndarray, "K"]
     unit: float
     video_from_crop: float
 
@@ -116,10 +121,16 @@ class _Scene:
         rest = arap_rest(puppet.vertices.astype(np.float64), puppet.triangles)
         return np.asarray(puppet.vertices * float(best_scale_of(pose[None], rest)[0]))
 
+    def counted(self, frame: int) -> Int[np.ndarray, "n"]:
+        """List the points that are seen in a drawing and that its start has right."""
+        row = self.start(frame)
+        away = np.linalg.norm(self.anchors.mix(self.poses[row][None])[0] - self.points[self.rows[row]], axis=-1)
+        return np.flatnonzero(self.seen[frame] & ~(away > WRONG * 2.0 / self.unit))
+
     def error(self, pose: Float[np.ndarray, "V 2"], frame: int) -> float:
-        """Mean distance of the points, video pixels."""
+        """Mean distance of the counted points, video pixels."""
         away = np.linalg.norm(self.anchors.mix(pose[None])[0] - self.points[frame], axis=-1)
-        return float(away[self.seen[frame]].mean()) * self.video_from_crop
+        return float(away[self.counted(frame)].mean()) * self.video_from_crop
 
 
 def _scene(puppet: Puppet, crops: Crops, fit: Fit, truth: Truth, by_truth: bool) -> _Scene:
@@ -136,12 +147,13 @@ def _scene(puppet: Puppet, crops: Crops, fit: Fit, truth: Truth, by_truth: bool)
     rows = np.flatnonzero(is_known)
     given = truth.visible[truth.reference] & np.isfinite(anchors.weights).all(1)
     poses = fit.vertices_crop[rows].astype(np.float64)
-    unit = 2.0 / max(crops.size)
+    unit, trust = 2.0 / max(crops.size), fit.confidence[rows].mean(1).astype(np.float64)
     if by_truth:
+        trust = np.ones(len(rows))
         true = np.where(given[:, None], points[rows], np.nan)
         poses = np.stack([_posed_by_truth(puppet, *each, anchors, unit) for each in zip(poses, true, strict=True)])
     seen = truth.visible & given & np.isfinite(points).all(-1)
-    return _Scene(anchors, points, seen, rows, poses, unit, scale)
+    return _Scene(anchors, points, seen, rows, poses, trust, unit, scale)
 
 
 def _posed_by_truth(
@@ -158,7 +170,7 @@ def _posed_by_truth(
 
 
 def _handles(scene: _Scene, frame: int, count: int, choice: Choice, generator: np.random.Generator) -> Handles:
-    seen = np.flatnonzero(scene.seen[frame])
+    seen = scene.counted(frame)
     if choice == "random":
         chosen = generator.choice(seen, min(count, len(seen)), replace=False)
     else:
@@ -184,6 +196,7 @@ def _answers(
     row = scene.start(frame)
     start = scene.poses[row]
     decoder, known = space_of(scene.poses, row)
+    known = replace(known, trust=scene.trust)
     energy = deform_energy(puppet, start, handles, scene.unit)
     stepped = plain_steps(energy, decoder, known.codes[row])
     return {

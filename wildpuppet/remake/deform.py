@@ -36,7 +36,7 @@ BESIDE = 2.0
 """Pixels that a point may lie beside its part: a click is not exact."""
 FROM_COLOUR, TO_COLOUR = (230, 60, 50), (30, 160, 60)
 
-Picture = UInt8[np.ndarray, "H W 3"]
+Picture = UInt8[np.ndarray, "_ _ 3"]
 
 
 @dataclass(frozen=True)
@@ -125,13 +125,15 @@ def _drag(
 ) -> Dragged:
     poses = run.fit.vertices_crop[rows].astype(np.float64)
     start, unit = int(np.flatnonzero(rows == row)[0]), 2.0 / max(run.crops.size)
+    trust = run.fit.confidence[rows].mean(1).astype(np.float64)
     if model is None:
         space = pose_space_of(run.puppet)
-        known = Known(poses, space.encode(poses, poses[start]), space.turnings())
+        known = Known(poses, space.encode(poses, poses[start]), space.turnings(), trust)
         return drag(run.puppet, space, known, start, handles, unit)
     codes = _codes(run, rows, model, source)
     coded = Coded(model, run.crops.size)
-    return drag(run.puppet, coded, Known(poses, codes, np.zeros((0, codes.shape[1]))), start, handles, unit)
+    known = Known(poses, codes, np.zeros((0, codes.shape[1])), trust)
+    return drag(run.puppet, coded, known, start, handles, unit)
 
 
 def _codes(run: RunFolder, rows: Int[np.ndarray, "K"], model: Model, source: Path | None) -> Float[np.ndarray, "K Z"]:
