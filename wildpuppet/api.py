@@ -24,7 +24,7 @@ from wildpuppet.motion.inbetween import Method
 from wildpuppet.paint.of_run import paint_run
 from wildpuppet.paint.paint import Over
 from wildpuppet.paint.template import write_template
-from wildpuppet.recut import clip_of_run, is_clip, source_of_run
+from wildpuppet.recut import place_of_run
 from wildpuppet.refine.refiner import Refiner
 from wildpuppet.refiners import refiner_of_run
 from wildpuppet.remake.deform import Deformed, Handle, deformed_frame, handle_from
@@ -63,8 +63,7 @@ class Run(RunFolder):
     def pictures(self, source: str | Path | None = None) -> Pictures:
         """Open the run's clip or drawings for ``Options(pictures=...)``; ``source``: where they lie now, when moved."""
         place = None if source is None else Path(source)
-        found = clip_of_run(self, place) if is_clip(self) else source_of_run(self, place)
-        return source_of(found).picture
+        return source_of(place_of_run(self, place)).picture
 
     def paint_template(self, place: str | Path) -> Path:
         """Write what to paint on: PLACE.psd, PLACE.ora, or a folder with a picture per part; give the place.

@@ -20,12 +20,12 @@ from wildpuppet.export.export import check_unedited
 from wildpuppet.export.manifest import MANIFEST, Manifest, write_manifest
 from wildpuppet.export.png import numbered, write_sequence
 from wildpuppet.export.source import Source, over_white, source_of
-from wildpuppet.machine import Machine, Progress, silent
-from wildpuppet.paint.behind import Behind, Paper
+from wildpuppet.machine import Progress, silent
+from wildpuppet.paint.behind import background_of_run
 from wildpuppet.paint.compose import over as laid_over
 from wildpuppet.paint.layers import Drawn
 from wildpuppet.paint.paint import Background
-from wildpuppet.recut import clip_of_run, is_clip, run_crops, source_of_run, track_of
+from wildpuppet.recut import place_of_run, run_crops
 from wildpuppet.refine.examples import examples_of
 from wildpuppet.refine.refiner import Finisher, Refiner, enlargement, refine_pictures
 from wildpuppet.refine.texture import on_white
@@ -69,7 +69,7 @@ def finish_run(
     animation = run.animation
     if not len(animation):
         raise InputError(f"{run.folder}: expected a run with frames, found none; run it on a longer range")
-    place = _place(run, source) if over == "plate" else None
+    place = place_of_run(run, source) if over == "plate" else None
     with atomic.disk_errors(out), atomic.new_folder(out) as beside:
         folder = beside / FRAMES
         stem, first = folder / "frame", int(animation.frames[0])
@@ -115,17 +115,13 @@ def _squared(picture: Float32[np.ndarray, "H W 3"], truth: Float32[np.ndarray, "
     return float(255.0**2 * ((picture - truth) ** 2).mean())
 
 
-def _place(run: RunFolder, source: Path | None) -> Clip | Path:
-    return clip_of_run(run, source) if is_clip(run) else source_of_run(run, source)
-
-
 def _pictures(
     run: RunFolder, refiner: Refiner, over: Over, place: Clip | Path | None
 ) -> Iterator[UInt8[np.ndarray, "H W 4"]]:
     """Draw frame after frame, straight RGBA."""
     finisher = Finisher(refiner, run.size, enlargement(run.crops.video_from_crop))
     source = None if place is None else source_of(place)
-    behind = None if place is None else _behind(run, place)
+    behind = None if place is None else background_of_run(run, place)
     for frame in run.animation:
         finished = _finished(run, finisher, frame)
         if source is None or behind is None:
@@ -152,14 +148,6 @@ def _over_plate(
     plate = behind.picture(frame.t, picture, drawn)
     mixed = laid_over(finished, plate.astype(np.float32) / 255.0)
     return np.asarray(np.rint(mixed.clip(0.0, 1.0) * 255.0), np.uint8)
-
-
-def _behind(run: RunFolder, place: Clip | Path) -> Background:
-    if not isinstance(place, Clip):
-        return Paper()
-    crops = run.crops
-    crop_from_video = 1.0 / float(crops.video_from_crop[crops.reference or 0, 0, 0])
-    return Behind(place, track_of(crops), crop_from_video, Machine())
 
 
 def _opaque(rgb: UInt8[np.ndarray, "H W 3"]) -> UInt8[np.ndarray, "H W 4"]:

@@ -69,6 +69,11 @@ def clip_of_run(run: RunFolder, source: Path | None = None, machine: Machine | N
     return probe(source_of_run(run, source), settings, machine or Machine())
 
 
+def place_of_run(run: RunFolder, source: Path | None = None, machine: Machine | None = None) -> Clip | Path:
+    """Find what a run's pictures are read from: its clip (one decoding pass) or its folder of drawings."""
+    return clip_of_run(run, source, machine) if is_clip(run) else source_of_run(run, source)
+
+
 def _digest_of_source(place: Path, is_file: bool) -> object:
     if is_file:
         return digest_of_file(place) if place.is_file() else None

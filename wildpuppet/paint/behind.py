@@ -1,5 +1,7 @@
 """The picture without the character: the frame itself around it, the background plate where it stands."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -10,6 +12,8 @@ from wildpuppet.crop.plate import learn_plates, plate_scale
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
 from wildpuppet.paint.layers import Drawn
+from wildpuppet.recut import track_of
+from wildpuppet.runs import RunFolder
 from wildpuppet.types import Clip, Track
 
 KNOWN = 0.3
@@ -70,6 +74,15 @@ class Behind:
             gain = light_between(picture, colour, (hidden == 0) & (known > 0.99))
             colour = np.clip(np.rint(colour * gain), 0, 255).astype(np.uint8)
         return colour, known
+
+
+def background_of_run(run: RunFolder, place: Clip | Path) -> Paper | Behind:
+    """Give what lies behind a run's character; ``place`` as ``recut.place_of_run`` finds it."""
+    if not isinstance(place, Clip):
+        return Paper()
+    crops = run.crops
+    crop_from_video = 1.0 / float(crops.video_from_crop[crops.reference or 0, 0, 0])
+    return Behind(place, track_of(crops), crop_from_video, Machine())
 
 
 def filled(

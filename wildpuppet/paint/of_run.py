@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import UInt8
 
 from wildpuppet.errors import InputError
-from wildpuppet.export.source import Source, source_of
-from wildpuppet.machine import Machine, Progress, silent
-from wildpuppet.paint.behind import Behind, Paper
-from wildpuppet.paint.paint import Background, Job, Over, check_out, paint
+from wildpuppet.export.source import source_of
+from wildpuppet.machine import Progress, silent
+from wildpuppet.paint.behind import background_of_run
+from wildpuppet.paint.paint import Job, Over, check_out, paint
 from wildpuppet.paint.reading import Origin, read_edit, read_given
-from wildpuppet.recut import clip_of_run, is_clip, source_of_run, track_of
+from wildpuppet.recut import clip_of_run, is_clip, place_of_run
 from wildpuppet.runs import PUPPET, RunFolder
 from wildpuppet.types import Clip
 
@@ -35,25 +35,13 @@ def paint_run(
     check_out(out)
     if not len(run.animation):
         raise InputError(f"{run.folder}: expected a run with frames, found none; run it on a longer range")
-    place = None if over == "none" else _place(run, source)
-    edit = read_edit(texture, run.puppet, Origin(read_given(_given(run)), lambda: _reference(run, source)))
+    place = None if over == "none" else place_of_run(run, source)
+    edit = read_edit(texture, run.puppet, Origin(read_given(_given(run)), lambda: _reference(run, place or source)))
     if place is None:
         return paint(Job(run.animation, edit, over), out, progress)
     needs_background = over == "plate" or edit.erases
-    behind = _behind(run, place) if needs_background else None
+    behind = background_of_run(run, place) if needs_background else None
     return paint(Job(run.animation, edit, over, source_of(place), behind), out, progress)
-
-
-def _place(run: RunFolder, source: Path | None) -> Clip | Path:
-    return clip_of_run(run, source) if is_clip(run) else source_of_run(run, source)
-
-
-def _behind(run: RunFolder, place: Clip | Path) -> Background:
-    if not isinstance(place, Clip):
-        return Paper()
-    crops = run.crops
-    crop_from_video = 1.0 / float(crops.video_from_crop[crops.reference or 0, 0, 0])
-    return Behind(place, track_of(crops), crop_from_video, Machine())
 
 
 def _given(run: RunFolder) -> Path | None:
@@ -62,13 +50,10 @@ def _given(run: RunFolder) -> Path | None:
     return run.folder / PUPPET if named is None else Path(named)
 
 
-def _reference(run: RunFolder, source: Path | None) -> UInt8[np.ndarray, "H W 3"] | None:
-    """Read the frame that the puppet was drawn from; None where there is none."""
+def _reference(run: RunFolder, place: Clip | Path | None) -> UInt8[np.ndarray, "H W 3"] | None:
+    """Read the frame that the puppet was drawn from; None where there is none. ``place``: the clip, or where it is."""
     number = run.puppet.reference
     if number is None or not is_clip(run) or run.puppet.canvas != run.size:
         return None
-    clip = clip_of_run(run, source)
-    if not 0 <= number < clip.num_frames:
-        return None
-    opened: Source = source_of(clip)
-    return opened.picture(number)
+    clip = place if isinstance(place, Clip) else clip_of_run(run, place)
+    return source_of(clip).picture(number) if 0 <= number < clip.num_frames else None
