@@ -15,9 +15,10 @@ from jaxtyping import Float, Int
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
 from wildpuppet.pose.choose import least_movement
+from wildpuppet.pose.look import Searcher
 from wildpuppet.pose.place import pose_vertices
 from wildpuppet.pose.pull import Pull
-from wildpuppet.pose.search import Searcher, search_from, searcher_of
+from wildpuppet.pose.search import search_from, searcher_of
 from wildpuppet.pose.similarity import placed, similarities
 from wildpuppet.settings import SearchSettings
 from wildpuppet.types import Crops, Followed, Hypotheses, Keyframe, Puppet

@@ -26,40 +26,51 @@ class Candidate:
 
 
 @runtime_checkable
-class Rehang(Protocol):
-    """Find the ``num`` best poses of the limb at ``head``, the parts ``free`` not there; ``reach`` keeps it near."""
+class Frame(Protocol):
+    """One frame: it judges whole poses and hangs limbs anew (``look.Look``)."""
 
-    def __call__(
+    @property
+    def solution(self) -> Solution:
+        """What the dynamic programme found."""
+        ...
+
+    @property
+    def twins(self) -> list[Pair]:
+        """Limbs that can be taken for one another, the largest first."""
+        ...
+
+    @property
+    def shaded(self) -> list[Pair]:
+        """Those of them that differ in colour."""
+        ...
+
+    def judge(self, candidates: list[Candidate], /) -> Float[np.ndarray, "B"]:
+        """Give the costs of whole poses, lower is better."""
+        ...
+
+    def rehang(
         self, candidate: Candidate, head: int, free: Sequence[int], num: int, reach: Mapping[int, int] | None = None, /
     ) -> list[Candidate]:
-        """Give them best first."""
+        """Find the ``num`` best poses of the limb at ``head``, the parts ``free`` not there; ``reach``: near by."""
+        ...
+
+    def exchanged(self, candidate: Candidate, pairs: list[Pair], /) -> float:
+        """Give the cost of a pose with the colours of pairs of twins exchanged, their price included."""
         ...
 
 
-Exchanged = Callable[[Candidate, list[Pair]], float]
-"""Cost of a pose with the colours of pairs of twins exchanged, their price included; inf where they are alike."""
-Judge = Callable[[list[Candidate]], Float[np.ndarray, "B"]]
-"""Costs of whole poses, lower is better."""
-
-
 def best_candidates(
-    solution: Solution,
-    judge: Judge,
-    rehang: Rehang,
-    exchanged: Exchanged,
-    twins: list[Pair],
-    starts: list[Candidate],
-    num_best: int,
-    rounds: int = 2,
+    frame: Frame, starts: list[Candidate], num_best: int, rounds: int = 2
 ) -> list[tuple[float, Candidate]]:
     """Search from the root's best modes and from ``starts``; return distinct poses, best first."""
+    solution, twins = frame.solution, frame.twins
     order = tuple(range(len(solution.images)))
     pool: dict[Candidate, float] = {}
 
     def consider(candidates: list[Candidate]) -> None:
         fresh = [c for c in dict.fromkeys(candidates) if c not in pool]
         if fresh:
-            pool.update(zip(fresh, (float(cost) for cost in judge(fresh)), strict=True))
+            pool.update(zip(fresh, (float(cost) for cost in frame.judge(fresh)), strict=True))
 
     first = [Candidate(_completed(solution, state), order) for _, state in root_modes(solution, 3, 6)]
     consider(first + starts)
@@ -73,15 +84,14 @@ def best_candidates(
             consider(list(_limb_moves(solution, candidate)) + list(_swaps(solution, candidate, twins)))
         top = min(pool, key=pool.__getitem__)
         consider(list(_reorders(solution.tree, top)))
-    _rehang_limbs(solution.tree, rehang, twins, pool, consider)
-    renamed = _renamed(solution, min(pool, key=pool.__getitem__), rehang, exchanged, twins)
-    if renamed is not None:
-        cost, candidate = renamed
-        pool[candidate] = min(cost, pool.get(candidate, cost))
+    _rehang_limbs(frame, pool, consider)
+    top = min(pool, key=pool.__getitem__)
+    cost, renamed = _renamed(frame, top, pool[top])
+    pool[renamed] = min(cost, pool.get(renamed, cost))
     ranked = sorted(pool, key=pool.__getitem__)
     num_angles = len(solution.templates.radians)
     best = _distinct([(pool[c], c) for c in ranked], num_best, num_angles)
-    traded = _traded(solution, best[0][1], rehang, main_pairs(solution.tree, twins))
+    traded = _traded(frame, best[0][1])
     consider(traded)
     new = [(pool[c], c) for c in traded if all(_differs(c, other, num_angles) for _, other in best)]
     return sorted(best + new, key=lambda entry: entry[0])
@@ -93,75 +103,54 @@ SWEEPS = 2
 """How often every limb of the best pose is taken off and hung anew."""
 
 
-def _rehang_limbs(
-    tree: Tree,
-    rehang: Rehang,
-    twins: list[Pair],
-    pool: dict[Candidate, float],
-    consider: Callable[[list[Candidate]], None],
-) -> None:
+def _rehang_limbs(frame: Frame, pool: dict[Candidate, float], consider: Callable[[list[Candidate]], None]) -> None:
     """Hang every limb of the best pose anew, then both of every pair of sisters, while that improves it."""
+    tree = frame.solution.tree
     parents = {edge.child: edge.parent for edge in tree.edges}
-    sisters = [pair for pair in twins if parents[pair[0][0]] == parents[pair[1][0]]]
+    sisters = [pair for pair in frame.twins if parents[pair[0][0]] == parents[pair[1][0]]]
     for _ in range(SWEEPS):
         before = min(pool.values())
         for head in limb_heads(tree):
             top = min(pool, key=pool.__getitem__)
-            consider(rehang(top, head, tree.below(head), 2))
+            consider(frame.rehang(top, head, tree.below(head), 2))
         for pair in sisters[:SISTERS]:
             top = min(pool, key=pool.__getitem__)
             for first, second in (pair, pair[::-1]):
-                for half in rehang(top, first[0], [*first, *second], 1):
-                    consider(rehang(half, second[0], second, 1))
+                for half in frame.rehang(top, first[0], [*first, *second], 1):
+                    consider(frame.rehang(half, second[0], second, 1))
         if min(pool.values()) >= before - 1e-9:
             break
 
 
-def _renamed(
-    solution: Solution,
-    top: Candidate,
-    rehang: Rehang,
-    exchanged: Exchanged,
-    twins: list[Pair],
-) -> tuple[float, Candidate] | None:
+def _renamed(frame: Frame, top: Candidate, cost: float) -> tuple[float, Candidate]:
     """Trade the twins whose exchanged colours explain the frame better; the pose costs what it does in those."""
     traded: list[Pair] = []
-    cost = exchanged(top, traded)
-    for pair in twins:
-        if any({*pair[0], *pair[1]} & {*first, *second} for first, second in traded):
-            continue
-        other = exchanged(top, [*traded, pair])
-        if other < cost:
-            traded, cost = [*traded, pair], other
-    if not traded:
-        return None
+    for pair in frame.shaded:
+        if not any({*pair[0], *pair[1]} & {*first, *second} for first, second in traded):
+            other = frame.exchanged(top, [*traded, pair])
+            if other < cost:
+                traded, cost = [*traded, pair], other
     for pair in traded:
-        top = _settled(solution, top, rehang, pair)
+        top = _settled(frame, top, pair)
     return cost, top
 
 
-def _traded(
-    solution: Solution,
-    top: Candidate,
-    rehang: Rehang,
-    pairs: list[Pair],
-) -> list[Candidate]:
-    """Trade each pair of limbs, and the two largest pairs at once; each limb then settles where the other left."""
-    settled = [_settled(solution, top, rehang, pair) for pair in pairs]
-    if len(pairs) > 1:
-        settled.append(_settled(solution, settled[0], rehang, pairs[1]))
-    return settled
+def _traded(frame: Frame, top: Candidate) -> list[Candidate]:
+    """Trade each main pair of limbs, and the two largest at once; each limb then settles where the other left."""
+    pairs = main_pairs(frame.solution.tree, frame.twins)
+    settled = [_settled(frame, top, pair) for pair in pairs]
+    return settled + [_settled(frame, settled[0], pair) for pair in pairs[1:2]]
 
 
-def _settled(solution: Solution, candidate: Candidate, rehang: Rehang, pair: Pair) -> Candidate:
+def _settled(frame: Frame, candidate: Candidate, pair: Pair) -> Candidate:
     """Trade a pair and hang both limbs anew, each nearer to its twin's old place than to its own."""
     reach = {}
     for a, b in zip(*pair, strict=True):
         apart = int(np.abs(np.array(candidate.states[a][1:]) - np.array(candidate.states[b][1:])).max())
-        reach[a] = reach[b] = min(_trade_reach(solution), max(1, (apart - 1) // 2))
-    traded = _swapped(solution, candidate, pair, reach)
+        reach[a] = reach[b] = min(_trade_reach(frame.solution), max(1, (apart - 1) // 2))
+    traded = _swapped(frame.solution, candidate, pair, reach)
     for limb in pair:
-        traded = rehang(traded, limb[0], limb, 1, reach)[0]
+        traded = frame.rehang(traded, limb[0], limb, 1, reach)[0]
     return traded
 
 

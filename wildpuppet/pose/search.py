@@ -5,82 +5,22 @@ then whole poses judged by the composite (METHOD section 4, item 1). The puppet'
 before: neighbouring sizes are tried on the best pose, and the templates of the nearest size are used next.
 """
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 from msgspec import structs
 
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
-from wildpuppet.pose import evidence as ev
-from wildpuppet.pose import kernels
-from wildpuppet.pose.dynamic import Springs, State, pull_table, solve
-from wildpuppet.pose.exchange import PRICE, exchange_colours, told_apart
-from wildpuppet.pose.moves import Candidate, best_candidates, spring_cost
+from wildpuppet.pose.look import SIZE_STEP, Look, Searcher, look_at
+from wildpuppet.pose.moves import Candidate, best_candidates
 from wildpuppet.pose.place import pose_vertices, rest_box, size_of
 from wildpuppet.pose.pull import Pull
-from wildpuppet.pose.rehang import Picture, hung_anew
-from wildpuppet.pose.templates import (
-    PartImage,
-    Templates,
-    make_templates,
-    mean_colours,
-    palette_of,
-    part_images,
-)
-from wildpuppet.pose.tree import Tree, part_areas, tree_of
-from wildpuppet.pose.twins import MOST_TRADES, Pair, twin_limbs
-from wildpuppet.render.render import Mesh, mesh_of
-from wildpuppet.render.texture import Texture, texture_at
+from wildpuppet.pose.twins import MOST_TRADES
 from wildpuppet.settings import SearchSettings
 from wildpuppet.types import Crops, Hypotheses, Puppet
 
-SIZE_STEP = 1.06
-"""Ratio between neighbouring sizes of the templates."""
 SIZE_PRIOR = 0.003
 """Cost, in shares of the puppet's pixels, of a size one step away from the one its box suggests (squared)."""
-
-
-@dataclass(eq=False)
-class Searcher:
-    """What the search prepares once per puppet; templates are kept per size."""
-
-    puppet: Puppet
-    settings: SearchSettings
-    search_from_crop: float
-    images: tuple[PartImage, ...] = field(init=False)
-    tree: Tree = field(init=False)
-    mesh: Mesh = field(init=False)
-    colours: Float[np.ndarray, "L 3"] = field(init=False)
-    twins: list[Pair] = field(init=False)
-    palette: Float[np.ndarray, "C 3"] | None = None
-    of_size: dict[int, tuple[Templates, Texture]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.images = part_images(self.puppet)
-        self.tree = tree_of(self.puppet)
-        self.mesh = mesh_of(self.puppet)
-        self.colours = mean_colours(self.images)
-        self.twins = twin_limbs(self.tree, part_areas(self.puppet), self.colours)
-
-    def size_step(self, crop_scale: float) -> int:
-        """Round a size (crop pixels per canvas pixel) to its step."""
-        return round(math.log(crop_scale * self.search_from_crop) / math.log(SIZE_STEP))
-
-    def at_size(self, step: int) -> tuple[Templates, Texture]:
-        """Fetch or make the templates and the texture of a size."""
-        if step not in self.of_size:
-            scale = SIZE_STEP**step
-            if self.palette is None:
-                self.palette = palette_of(self.images, scale, self.settings.colours)
-            templates = make_templates(self.images, scale, self.settings.angles, self.palette)
-            if len(self.of_size) > 4:
-                self.of_size.pop(next(iter(self.of_size)))
-            self.of_size[step] = (templates, ev.lab_texture(texture_at(self.puppet, scale)))
-        return self.of_size[step]
 
 
 Start = tuple[Float[np.ndarray, "L 2 3"], Int[np.ndarray, "L"]]
@@ -211,126 +151,35 @@ def _search_one(
     fixed_size: bool,
     pull: Pull | None = None,
 ) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"], int]:
-    evidence = ev.evidence_of(image, searcher.search_from_crop)
-    templates, texture = searcher.at_size(step)
-    assert searcher.palette is not None
-    springs = _springs(searcher.settings)
-    part_weight = np.sqrt(templates.area / templates.area.mean())
-    wrong = ev.colours_wrong(evidence, searcher.palette)
-    maps = ev.disagreement_maps(evidence, wrong, templates.reach)
-    unary = [
-        kernels.template_costs(
-            maps, templates.pixels, templates.weights * (part_weight[layer] / templates.area[layer]),
-            templates.start[layer], templates.count[layer], templates.reach, *evidence.matte.shape,
-        )
-        for layer in range(len(searcher.images))
-    ]  # fmt: skip
-    pulled: tuple[Float[np.ndarray, "K H W"], ...] = ()
-    if pull is not None:
-        pulled = tuple(np.zeros_like(costs) for costs in unary)
-        pull.add_to(list(pulled), searcher.images, templates, searcher.search_from_crop)
-        unary = [costs + more for costs, more in zip(unary, pulled, strict=True)]
-    solution = solve(unary, searcher.tree, searcher.images, templates, springs)
-    unit = float(part_weight.sum() / templates.area.sum())
-
-    def judge(candidates: list[Candidate], texture: Texture = texture) -> Float[np.ndarray, "B"]:
-        poses = np.stack([_maps_of(searcher, templates, c.states) for c in candidates])
-        vertices = pose_vertices(searcher.puppet, poses)
-        order = np.array([c.order for c in candidates])
-        pixels = ev.unexplained_cost(evidence, vertices, order, searcher.mesh, texture)
-        states = np.array([c.states for c in candidates])
-        costs: Float[np.ndarray, "B"] = unit * pixels + spring_cost(solution, states)
-        if pull is not None:
-            costs = costs + pull.on_states(states, searcher.images, templates, searcher.search_from_crop)
-        return costs + searcher.settings.reorder * (np.diff(order, axis=1) < 0).any(1)
-
-    picture = Picture(evidence, wrong, searcher.mesh, texture, unit, pulled)
-
-    def rehang(
-        candidate: Candidate, head: int, free: Sequence[int], num: int, reach: Mapping[int, int] | None = None
-    ) -> list[Candidate]:
-        vertices = pose_vertices(searcher.puppet, _maps_of(searcher, templates, candidate.states)[None])[0]
-        found = hung_anew(picture, solution, candidate.states, candidate.order, vertices, head, free, num, reach)
-        return [Candidate(states, candidate.order) for states in found]
-
-    def exchanged(candidate: Candidate, pairs: list[Pair]) -> float:
-        if not pairs:
-            return float(judge([candidate])[0])
-        if not told_apart(pairs[-1:], searcher.colours):
-            return np.inf
-        worn = exchange_colours(texture, searcher.puppet, pairs, searcher.colours)
-        return float(judge([candidate], worn)[0]) + PRICE * len(pairs)
-
-    seeds = [_nearest_candidate(searcher, templates, evidence, m, o) for m, o in starts]
-    best = best_candidates(solution, judge, rehang, exchanged, searcher.twins, seeds, searcher.settings.num_best)
+    look = look_at(searcher, image, step, pull)
+    best = best_candidates(look, [look.nearest(maps, order) for maps, order in starts], searcher.settings.num_best)
     if not fixed_size:
-        step = _better_size(searcher, evidence, best[0][1], templates, step, expected)
-    return (*_hypotheses(searcher, templates, best), step)
+        step = _better_size(look, best[0][1], step, expected)
+    return (*_hypotheses(look, best), step)
 
 
-def _springs(settings: SearchSettings) -> Springs:
-    slack = settings.hinge_slack * settings.box_pixels
-    reach = max(3, round(settings.hinge_reach * settings.box_pixels))
-    return Springs(
-        pull_table(slack, settings.hinge, reach), pull_table(2 * slack, settings.hinge, reach), settings.turn
-    )
-
-
-def _maps_of(searcher: Searcher, templates: Templates, states: tuple[State, ...]) -> Float[np.ndarray, "L 2 3"]:
-    """Turn states into search_from_canvas maps."""
-    table = np.array(states)
-    maps = affine.similarity(
-        np.full(len(states), templates.scale), templates.radians[table[:, 0]], np.zeros((len(states), 2))
-    )
-    pivots = np.stack([image.pivot for image in searcher.images])
-    maps[:, :, 2] = table[:, 1:] + 0.5 - affine.apply(maps, pivots[:, None])[:, 0]
-    return maps
-
-
-def _nearest_candidate(
-    searcher: Searcher,
-    templates: Templates,
-    evidence: ev.Evidence,
-    crop_from_canvas: Float[np.ndarray, "L 2 3"],
-    order: Int[np.ndarray, "L"],
-) -> Candidate:
-    """Round a pose to the search grid."""
-    height, width = evidence.matte.shape
-    turns = np.arctan2(crop_from_canvas[:, 1, 0], crop_from_canvas[:, 0, 0]) / (2 * np.pi)
-    angles = np.rint(turns * len(templates.radians)).astype(int) % len(templates.radians)
-    pivots = np.stack([image.pivot for image in searcher.images])
-    places = affine.apply(crop_from_canvas, pivots[:, None])[:, 0] * searcher.search_from_crop - 0.5
-    places = np.rint(places).astype(int).clip(0, (width - 1, height - 1))
-    states = tuple((int(a), int(p[0]), int(p[1])) for a, p in zip(angles, places, strict=True))
-    return Candidate(states, tuple(int(layer) for layer in order))
-
-
-def _better_size(
-    searcher: Searcher, evidence: ev.Evidence, candidate: Candidate, templates: Templates, step: int, expected: int
-) -> int:
+def _better_size(look: Look, candidate: Candidate, step: int, expected: int) -> int:
     """Try the best pose with its parts a step larger and smaller; return the size that explains the frame best.
 
     Each part grows where it is: the search has put it over its picture, its hinges open or shut as its size asks.
     Sizes away from the ``expected`` one (the box's) pay for it.
     """
-    search_from_canvas = _maps_of(searcher, templates, candidate.states)
-    vertices = pose_vertices(searcher.puppet, search_from_canvas)
-    pivots = (np.array(candidate.states)[:, 1:] + 0.5)[searcher.puppet.layer_of_vertex]
+    puppet = look.searcher.puppet
+    vertices = pose_vertices(puppet, look.maps(candidate.states))
+    pivots = (np.array(candidate.states)[:, 1:] + 0.5)[puppet.layer_of_vertex]
     ratios = SIZE_STEP ** np.array([-1.0, 0.0, 1.0])
     sized = pivots + ratios[:, None, None] * (vertices - pivots)
-    order = np.repeat(np.array([candidate.order]), len(ratios), 0)
-    _, texture = searcher.at_size(step)
-    cost = ev.unexplained_cost(evidence, sized, order, searcher.mesh, texture)
-    cost = cost / templates.area.sum() + SIZE_PRIOR * (step + np.arange(-1, 2) - expected) ** 2
+    cost = look.unexplained(sized, np.repeat(np.array([candidate.order]), len(ratios), 0))
+    cost = cost / look.templates.area.sum() + SIZE_PRIOR * (step + np.arange(-1, 2) - expected) ** 2
     return step + int(np.argmin(cost)) - 1
 
 
 def _hypotheses(
-    searcher: Searcher, templates: Templates, best: list[tuple[float, Candidate]]
+    look: Look, best: list[tuple[float, Candidate]]
 ) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]:
     """Bring poses to crop pixels and fill up to N with the last at infinite cost."""
-    missing = searcher.settings.num_best + MOST_TRADES - len(best)
-    maps = np.stack([_maps_of(searcher, templates, c.states) for _, c in best]) / searcher.search_from_crop
+    missing = look.searcher.settings.num_best + MOST_TRADES - len(best)
+    maps = np.stack([look.maps(c.states) for _, c in best]) / look.searcher.search_from_crop
     order = np.array([c.order for _, c in best])
     cost = np.array([value for value, _ in best])
     return (
