@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
-from wildpuppet.pose.place import pose_vertices
+from wildpuppet.pose.place import between, pose_vertices
 from wildpuppet.settings import SearchSettings
 from wildpuppet.types import Crops, Hypotheses, Poses, Puppet
 
@@ -56,11 +56,6 @@ def _pick_over_time(
     return picked
 
 
-def _between(crops: Crops, a: int, b: int) -> Float[np.ndarray, "2 3"]:
-    """Map crop a to crop b, both standing still in the video."""
-    return affine.compose(affine.invert(crops.video_from_crop[b]), crops.video_from_crop[a])
-
-
 def least_movement(
     puppet: Puppet,
     crops: Crops,
@@ -72,7 +67,7 @@ def least_movement(
 
     Where a camera follows the character all of it moves in the video, by more than any limb, but not in the crop.
     """
-    ways = (_between(crops, *frames), affine.scale_and_shift(1.0, (0.0, 0.0)))
+    ways = (between(crops, *frames), affine.scale_and_shift(1.0, (0.0, 0.0)))
     return min((_movement(puppet, way, before, after) for way in ways), key=lambda movement: float(movement.min()))
 
 

@@ -16,7 +16,7 @@ from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
 from wildpuppet.pose.choose import least_movement
 from wildpuppet.pose.look import Searcher
-from wildpuppet.pose.place import pose_vertices
+from wildpuppet.pose.place import between, pose_vertices
 from wildpuppet.pose.pull import Pull
 from wildpuppet.pose.search import search_from, searcher_of
 from wildpuppet.pose.similarity import placed, similarities
@@ -51,7 +51,10 @@ def follow(
         for frame in walk:
             if crops.drawing[frame] == crops.drawing[before]:
                 maps, order = found[before]
-                found[frame], cost[frame] = (affine.compose(_between(crops, frame, before), maps), order), cost[before]
+                found[frame], cost[frame] = (
+                    (affine.compose(between(crops, before, frame)[None], maps), order),
+                    cost[before],
+                )
             else:
                 found[frame], cost[frame] = _next_pose(searcher, crops, placement, found[before], before, frame)
             before = frame
@@ -99,16 +102,12 @@ def _walk(crops: Crops, key: int, direction: int) -> Iterator[int]:
         frame += direction
 
 
-def _between(crops: Crops, frame: int, before: int) -> Float[np.ndarray, "1 2 3"]:
-    return affine.compose(affine.invert(crops.video_from_crop[frame]), crops.video_from_crop[before])[None]
-
-
 def _next_pose(
     searcher: Searcher, crops: Crops, placement: Float[np.ndarray, "2 3"], last: Pose, before: int, frame: int
 ) -> tuple[Pose, float]:
     """Search from the last pose, standing still in the video or in the crop; give what costs and moves least."""
     puppet = searcher.puppet
-    starts = [(affine.compose(_between(crops, frame, before), last[0]), last[1]), last]
+    starts = [(affine.compose(between(crops, before, frame)[None], last[0]), last[1]), last]
     maps, order, cost = search_from(searcher, crops, placement, frame, starts)
     now = pose_vertices(puppet, maps)
     was = np.repeat(pose_vertices(puppet, last[0][None]), len(now), 0)

@@ -52,6 +52,11 @@ def is_drawn_here(puppet: Puppet, crops: Crops) -> bool:
     return not crops.ordered or _overlap(placed, np.asarray(crops.box_crop[index], np.float64)) > SAME_BOX
 
 
+def between(crops: Crops, source: int, target: int) -> Float[np.ndarray, "2 3"]:
+    """Map the crop ``source`` to the crop ``target``, what they show standing still in the video."""
+    return affine.compose(affine.invert(crops.video_from_crop[target]), crops.video_from_crop[source])
+
+
 def size_of(crop_from_canvas: Float[np.ndarray, "2 3"]) -> float:
     """Give a similarity's scale: crop pixels per canvas pixel."""
     return float(np.sqrt(abs(np.linalg.det(crop_from_canvas[:, :2]))))

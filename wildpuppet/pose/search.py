@@ -13,7 +13,7 @@ from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
 from wildpuppet.pose.look import SIZE_STEP, Look, Searcher, look_at
 from wildpuppet.pose.moves import Candidate, best_candidates
-from wildpuppet.pose.place import pose_vertices, rest_box, size_of
+from wildpuppet.pose.place import between, pose_vertices, rest_box, size_of
 from wildpuppet.pose.pull import Pull
 from wildpuppet.pose.twins import MOST_TRADES
 from wildpuppet.settings import SearchSettings
@@ -58,7 +58,7 @@ def search(
             starts: list[Start] = []
             if before is not None and crops.ordered and crops.shot[frame] == crops.shot[before]:
                 starts = [
-                    (affine.compose(_between(crops, int(frame), int(before))[None], m), o)
+                    (affine.compose(between(crops, int(before), int(frame))[None], m), o)
                     for m, o in zip(found[-1][0][:2], found[-1][1][:2], strict=True)
                 ]
             image = crops.images[int(frame) : int(frame) + 1][0]
@@ -135,11 +135,6 @@ def _expected_steps(searcher: Searcher, crops: Crops, placement: Float[np.ndarra
     diagonal = np.hypot(crops.box_crop[:, 2], crops.box_crop[:, 3])
     ratio = diagonal / diagonal[crops.reference or 0] if crops.ordered else np.ones(len(diagonal))
     return np.array([searcher.size_step(size_of(placement) * float(r)) for r in ratio])
-
-
-def _between(crops: Crops, frame: int, before: int) -> Float[np.ndarray, "2 3"]:
-    """Map the crop of ``before`` to the crop of ``frame``, both standing still in the video."""
-    return affine.compose(affine.invert(crops.video_from_crop[frame]), crops.video_from_crop[before])
 
 
 def _search_one(

@@ -59,6 +59,7 @@ def _best_step(
         box_pixels=min(settings.box_pixels, max(LEAST_PIXELS, round(COARSE * settings.box_pixels))),
         angles=min(settings.angles, max(LEAST_ANGLES, round(COARSE * settings.angles))),
         num_best=1,
+        coarse=0.0,
     )
     one_size = replace(crops, ordered=False)  # of drawings that share a canvas no other size is tried
     frame, quiet = np.array([crops.reference or 0]), replace(machine, progress=silent)
