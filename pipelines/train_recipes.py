@@ -13,10 +13,10 @@ from wildpuppet import stages
 from wildpuppet.deform.model import Model, Recipe, over_white
 from wildpuppet.errors import InputError
 from wildpuppet.machine import Machine
-from wildpuppet.models import CHECKPOINT, puppet_digest
 from wildpuppet.runs import RUN, RunFolder
 from wildpuppet.settings import Settings
 from wildpuppet.store import digest_of
+from wildpuppet.trained import CHECKPOINT, puppet_digest
 from wildpuppet.types import Crops, Fit, Images, Poses, Puppet
 
 from .reporter import Reporter

@@ -9,20 +9,17 @@ refiner.json          schema, digest of the puppet, settings, weights of the dra
 refiner.json is written last and without times: a training that is done again gives the same bytes.
 """
 
-import json
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 
-from wildpuppet import atomic, disk
-from wildpuppet.errors import InputError, StoreError
+from wildpuppet import disk
+from wildpuppet.deform.checkpoint import read_tensors
+from wildpuppet.errors import InputError
 from wildpuppet.machine import Machine
-from wildpuppet.models import puppet_digest
 from wildpuppet.recut import run_crops
 from wildpuppet.refine.examples import Examples
 from wildpuppet.refine.learn import Tell, new_generator, quiet
@@ -31,7 +28,17 @@ from wildpuppet.refine.refiner import Refiner, refiner_of
 from wildpuppet.refine.texture import Weights
 from wildpuppet.runs import RunFolder
 from wildpuppet.settings import RefineSettings
-from wildpuppet.store import check_format, digest_of, read_json
+from wildpuppet.store import digest_of
+from wildpuppet.trained import (
+    CHECKPOINT,
+    check_only,
+    in_short,
+    is_made_from,
+    puppet_digest,
+    read_description,
+    replaced_files,
+    write_description,
+)
 from wildpuppet.types import Puppet
 from wildpuppet.video.lossless import VideoImages, write_lossless
 
@@ -42,10 +49,7 @@ WEIGHTS = "refiner.safetensors"
 DRAWINGS = "drawings.mkv"
 POSES = "poses.npz"
 POSES_SCHEMA = "wildpuppet.refiner.poses/1"
-CHECKPOINT = "training.safetensors"
-"""The unfinished training, beside where the refiner will be."""
 OURS = (DESCRIPTION, WEIGHTS, DRAWINGS, POSES, CHECKPOINT, "puppet.npz")
-SHOWN_LOSSES = 50
 
 
 def refiner_of_run(
@@ -81,11 +85,8 @@ def kept_refiner(
     folder: Path, run: RunFolder, settings: RefineSettings, hold_out: Collection[int] = ()
 ) -> Refiner | None:
     """Read the finished refiner that was made from just these; None where ``folder`` holds none or another."""
-    path = folder / DESCRIPTION
     identity = _identity(run, settings, tuple(sorted(set(hold_out))))
-    if not path.is_file() or read_json(path).get("identity") != identity:
-        return None
-    return load_refiner(folder, run.puppet)
+    return load_refiner(folder, run.puppet) if is_made_from(folder / DESCRIPTION, identity) else None
 
 
 def _identity(run: RunFolder, settings: RefineSettings, hold_out: tuple[int, ...]) -> str:
@@ -96,33 +97,21 @@ def _identity(run: RunFolder, settings: RefineSettings, hold_out: tuple[int, ...
 
 def check_refiner_out(out: Path) -> None:
     """Raise InputError when ``out`` holds something that is no refiner of ours; empty or absent is fine."""
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: expected a folder, found a file; give another one")
-    others = sorted(item.name for item in out.glob("*") if item.name not in OURS) if out.is_dir() else []
-    others = [name for name in others if not name.startswith(atomic.PREFIX)]
-    if others:
-        raise InputError(f"{out}: not empty and not a refiner's folder (found {others[0]}); give a new folder")
+    check_only(out, OURS, "refiner")
 
 
 def save_refiner(folder: Path, refiner: Refiner, identity: str = "") -> None:
     """Write a REFINER folder, refiner.json last, and take the checkpoint away; ``identity`` names the training."""
     examples = refiner.examples
     poses = {name: getattr(examples, name) for name in ("frames", "drawing", "vertices", "order")}
-    with atomic.disk_errors(folder), atomic.new_folder(folder) as beside:
-        (folder / DESCRIPTION).unlink(missing_ok=True)
-        (folder / WEIGHTS).unlink(missing_ok=True)
+    with replaced_files(folder, DESCRIPTION, WEIGHTS) as beside:
         if refiner.generator is not None:
             tensors = {name: tensor.contiguous() for name, tensor in refiner.generator.state_dict().items()}
             save_file(tensors, beside / WEIGHTS, {"schema": SCHEMA})
         disk.save_puppet(refiner.puppet, beside)
         disk.write_arrays(beside / POSES, POSES_SCHEMA, poses)
         write_lossless(beside / DRAWINGS, examples.rgba)
-        for path in sorted(beside.iterdir()):
-            atomic.flush(path)
-            path.replace(folder / path.name)
-    description = {**_described(refiner), "identity": identity}
-    atomic.write_text(folder / DESCRIPTION, json.dumps(description, indent=1, sort_keys=True) + "\n")
-    (folder / CHECKPOINT).unlink(missing_ok=True)
+    write_description(folder / DESCRIPTION, {**_described(refiner), "identity": identity})
 
 
 def load_refiner(folder: Path, puppet: Puppet | None = None) -> Refiner:
@@ -130,12 +119,7 @@ def load_refiner(folder: Path, puppet: Puppet | None = None) -> Refiner:
 
     Raises InputError where there is no refiner or it is another puppet's, StoreError for a damaged or a newer one.
     """
-    path = folder / DESCRIPTION
-    if not path.is_file():
-        found = "a folder without refiner.json" if folder.is_dir() else "a file" if folder.exists() else "nothing"
-        raise InputError(f"{folder}: expected the REFINER folder of `wildpuppet refine`, found {found}")
-    found = read_json(path)
-    check_format(FORMAT, found.get("schema"), path)
+    found = read_description(folder / DESCRIPTION, FORMAT, "the REFINER folder of `wildpuppet refine`")
     if puppet is not None and puppet_digest(puppet) != found["puppet"]:
         raise InputError(
             f"{folder}: this refiner was trained for another puppet (parts: {', '.join(found['parts'][:3])}, ...); "
@@ -159,10 +143,7 @@ def load_refiner(folder: Path, puppet: Puppet | None = None) -> Refiner:
 def _generator(path: Path, settings: RefineSettings) -> Generator | None:
     if settings.method == "texture":
         return None
-    try:
-        tensors = load_file(path)
-    except (SafetensorError, OSError) as error:
-        raise StoreError(f"{path}: not a whole refiner ({error}); train it again") from None
+    tensors, _ = read_tensors(path, "refiner")
     generator = new_generator(settings)
     generator.load_state_dict(tensors)
     return generator.eval()
@@ -178,10 +159,5 @@ def _described(refiner: Refiner) -> dict[str, Any]:
         "weights": msgspec.to_builtins(refiner.weights),
         "share": refiner.share,
         "hold_out": list(refiner.hold_out),
-        "losses": {name: _in_short(values) for name, values in sorted(refiner.losses.items())},
+        "losses": in_short(refiner.losses),
     }
-
-
-def _in_short(values: np.ndarray) -> list[float]:
-    stretches = np.array_split(values, min(SHOWN_LOSSES, max(len(values), 1)))
-    return [float(f"{stretch.mean():.6g}") for stretch in stretches if len(stretch)]

@@ -12,16 +12,13 @@ import cv2
 import numpy as np
 import torch
 from jaxtyping import Float, Float32, UInt8
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from scipy.spatial import cKDTree
 from torch import Tensor
 from torch.nn import functional
 
-from wildpuppet.atomic import disk_errors, new_folder
 from wildpuppet.correspond.baselines import sampled
+from wildpuppet.deform.checkpoint import read_tensors, write_tensors
 from wildpuppet.deform.learn import one_thread
-from wildpuppet.errors import StoreError
 from wildpuppet.machine import Machine
 from wildpuppet.tables.autoencoder import SIDE, DeformingAutoEncoder
 
@@ -134,22 +131,14 @@ def _square(drawing: Picture) -> Float[Tensor, "3 S S"]:
 
 def save_deforming(path: Path, network: DeformingAutoEncoder, identity: str) -> None:
     """Write a trained network, whole or not at all. ``identity`` says what it was trained on."""
-    tensors = {name: tensor.contiguous() for name, tensor in network.state_dict().items()}
-    with disk_errors(path.parent), new_folder(path.parent) as beside:
-        save_file(tensors, beside / path.name, {"schema": SCHEMA, "identity": identity})
-        (beside / path.name).replace(path)
+    write_tensors(path, network.state_dict(), {"schema": SCHEMA, "identity": identity})
 
 
 def load_deforming(path: Path, identity: str) -> DeformingAutoEncoder | None:
     """Read a trained network; None where there is none of that identity. Raises StoreError for a damaged file."""
     if not path.is_file():
         return None
-    try:
-        with safe_open(path, "pt") as file:
-            header = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a dict)
-    except (SafetensorError, OSError) as error:
-        raise StoreError(f"{path}: not a whole network ({error}); delete it to train it again") from None
+    tensors, header = read_tensors(path, "network")
     if header.get("schema") != SCHEMA or header.get("identity") != identity:
         return None
     network = DeformingAutoEncoder(torch.Generator().manual_seed(0))
