@@ -10,7 +10,7 @@ import tyro
 
 from wildpuppet.errors import SettingsError
 
-from .reporter import Reporter, terminal
+from .reporter import progress_of, terminal
 
 if TYPE_CHECKING:
     from wildpuppet.api import Run
@@ -63,7 +63,7 @@ def main(arguments: Arguments) -> None:
         reporter.begin("frames")
 
         def write(folder: Path) -> None:
-            write_pictures(folder, found, _progress(reporter), picture_of, finish)
+            write_pictures(folder, found, progress_of(reporter), picture_of, finish)
 
         write_posed(out, found.posed, write)
         reporter.end("frames", is_kept=False)
@@ -131,7 +131,3 @@ def _finish(arguments: Arguments, run: "Run", found: "Inbetweens") -> "Finish | 
     from wildpuppet.remake.finished import finish_with
 
     return finish_with(load_refiner(arguments.refine, run.puppet), run, found, arguments.frames[0])
-
-
-def _progress(reporter: Reporter) -> Callable[[int, int], None]:
-    return lambda done, total: reporter.update(done / max(total, 1))

@@ -19,6 +19,7 @@ from wildpuppet.stages import STAGES
 from wildpuppet.store import digest_of
 
 from .paper_work import SetWork, ours_settings, paper_refine_settings, paper_settings, refine_settings
+from .reporter import progress_of
 
 if TYPE_CHECKING:
     from wildpuppet.api import Run
@@ -30,7 +31,7 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class Method:
-    """A row of the tables. ``settings`` gives what the answer depends on beside the set's files and the seed."""
+    """A row of the tables. ``depends`` gives what the answer depends on beside the set's files and the seed."""
 
     name: str
     answer: "Callable[[SetWork, int], Answer]"
@@ -76,7 +77,7 @@ def _autoencoder(work: SetWork, seed: int) -> "Answer":
     identity = digest_of([VERSION, work.content, seed, work.effort.autoencoder_steps])
     network = load_deforming(path, identity)
     if network is None:
-        machine = Machine(progress=lambda done, total: work.reporter.update(done / total))
+        machine = Machine(progress=progress_of(work.reporter))
         work.reporter.begin("auto-encoder")
         network = train_deforming(work.trained, seed, machine, work.effort.autoencoder_steps)
         save_deforming(path, network, identity)
@@ -118,7 +119,7 @@ def _refined(work: SetWork, run: "Run", name: str, settings: RefineSettings) -> 
     from wildpuppet.tables.answer import Answer
     from wildpuppet.tables.error import on_white
 
-    machine = Machine(work.options.device, progress=lambda done, total: work.reporter.update(done / max(total, 1)))
+    machine = Machine(work.options.device, progress=progress_of(work.reporter))
     work.reporter.begin("refine")
     folder = work.out / "refiners" / f"{work.case.name}-{name}"
     refiner = refiner_of_run(run, settings, machine, work.test.tolist(), folder)

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -95,6 +95,11 @@ def terminal() -> Iterator[Reporter]:
         yield bars
     finally:
         bars.close()
+
+
+def progress_of(reporter: Reporter) -> Callable[[int, int], None]:
+    """Give what tells a reporter how much is done of how much."""
+    return lambda done, total: reporter.update(done / max(total, 1))
 
 
 def note(reporter: Reporter, text: str) -> None:

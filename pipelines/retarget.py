@@ -9,7 +9,7 @@ import tyro
 
 from wildpuppet.errors import SettingsError
 
-from .reporter import terminal
+from .reporter import progress_of, terminal
 
 if TYPE_CHECKING:
     from wildpuppet.remake.retarget import Retargeted
@@ -55,7 +55,7 @@ def main(arguments: Arguments) -> None:
         reporter.begin("preview")
 
         def write(folder: Path) -> None:
-            write_shown(folder, found.posed, picture_of, lambda done, total: reporter.update(done / max(total, 1)))
+            write_shown(folder, found.posed, picture_of, progress_of(reporter))
 
         write_posed(out, found.posed, write)
         reporter.end("preview", is_kept=False)

@@ -53,8 +53,9 @@ def check_made(out: Path, command: str) -> None:
     check_out(out)
     path = out / "run.json"
     if path.is_file():
-        made_by = (read_json(path).get("request") or {}).get("made_by") or {}
-        if read_json(path).get("is_finished") and made_by.get("command") != command:
+        tree = read_json(path)
+        made_by = (tree.get("request") or {}).get("made_by") or {}
+        if tree.get("is_finished") and made_by.get("command") != command:
             raise InputError(f"--out {out}: holds a run that `wildpuppet {command}` did not make; give another folder")
 
 

@@ -55,13 +55,13 @@ def retargeted_run(run: RunFolder, to: Path, height: float = 1.0, given: Mapping
     posed_fit = Fit(
         fit.frames, cropped, carried_order(fit.order, mover, follower, match), _trust(run, follower, match), fit.state
     )
+    pairs = tuple((mover.names[a], follower.names[b]) for a, b in match.pairs)
     made_by = {
         "command": "retarget", "run": str(run.folder.absolute()), "to": str(to.absolute()), "height": height,
-        "matched": [[mover.names[a], follower.names[b]] for a, b in match.pairs],
+        "matched": [list(pair) for pair in pairs],
         "unused": list(match.unused), "at_rest": list(match.at_rest),
     }  # fmt: skip
     windows = replace(crops, box_crop=boxes_of(cropped))
-    pairs = tuple((mover.names[a], follower.names[b]) for a, b in match.pairs)
     return Retargeted(Posed(follower, windows, posed_fit, run.size, run.times, made_by), match, pairs)
 
 

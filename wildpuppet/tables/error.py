@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, UInt8
 
+from wildpuppet.refine import texture
+
 Picture = UInt8[np.ndarray, "H W 3"]
 
 INK = 8
@@ -45,8 +47,7 @@ def squared(drawing: Picture, found: Picture) -> Float32[np.ndarray, "H W 3"]:
 
 def on_white(premultiplied: Float32[np.ndarray, "H W 4"]) -> Picture:
     """Lay a premultiplied picture, 0..1, over white paper."""
-    laid = premultiplied[..., :3] + (1.0 - premultiplied[..., 3:])
-    return np.asarray(np.rint(np.clip(laid, 0.0, 1.0) * PEAK), np.uint8)
+    return np.asarray(np.rint(np.clip(texture.on_white(premultiplied), 0.0, 1.0) * PEAK), np.uint8)
 
 
 def decibels(error: float) -> float:

@@ -12,7 +12,7 @@ from wildpuppet.motion.lines import drawn_on_white
 from wildpuppet.motion.passages import drawings_of
 from wildpuppet.motion.score import LeftOut, predictions
 from wildpuppet.render.render import mesh_of, texture_at
-from wildpuppet.tables.error import mean_squared_error
+from wildpuppet.tables.flow import nearest
 from wildpuppet.types import Crops, Fit, Puppet
 
 Picture = UInt8[np.ndarray, "H W 3"]
@@ -53,7 +53,7 @@ def inbetween_rows(
             order = orders_between(puppet, vertices[None], drawings.order[k - 1], drawings.order[k + 1])[0]
             row[method] = drawn_on_white(mesh, texture, vertices, order, size)
         others = [picture(int(number)) for number in numbers if number != frame]
-        row["nearest other"] = others[int(np.argmin([mean_squared_error(row["ours"], other) for other in others]))]
+        row["nearest other"] = others[nearest(others, row["ours"])]
         row["after"] = picture(int(numbers[k + 1]))
         for name, shown in row.items():
             columns.setdefault(name, []).append(shown)
