@@ -9,6 +9,7 @@ import numpy as np
 
 from tests.scenes.maps import inverse, mapped
 from wildpuppet.types import CutOut
+from wildpuppet.video.write import SAME_BYTES
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,9 @@ class Scene:
 def write_clip(scene: Scene, path: Path, rate: int = 24, pixel_format: str = "yuv420p") -> Path:
     """Encode the frames with H.264, nearly without loss."""
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=rate, options={"crf": "10", "preset": "veryfast"})
+        stream = container.add_stream(
+            "libx264", rate=rate, options={"crf": "10", "preset": "veryfast", "x264-params": SAME_BYTES}
+        )
         stream.height, stream.width = scene.frames.shape[1:3]
         stream.pix_fmt = pixel_format
         for picture in scene.frames:
