@@ -72,6 +72,8 @@ class PuppetSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Smallest triangle angle in degrees that meshing aims for."""
     subdivide: Annotated[int, Meta(ge=0, le=3)] = 0
     """Rounds of midpoint subdivision; each makes four triangles of one."""
+    slender: NotNegative = 3.0
+    """A part of some size that is this many times as long as wide may bend in its middle; 0: parts stay rigid."""
 
 
 class AutoSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -110,6 +112,8 @@ class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Drawings from which the hinges' places are learnt before the search; 0 takes them as the puppet has them."""
     turn: NotNegative = 0.05
     """Cost of turning a part against its parent, per squared radian (linear beyond half a radian)."""
+    bend: NotNegative = 0.15
+    """The same for a part that bends (``puppet.slender``): its lower piece against its upper one."""
     reorder: NotNegative = 0.2
     """Cost of drawing the layers in another order than the puppet's, in units of an average part's evidence."""
     time_weight: NotNegative = 1.0

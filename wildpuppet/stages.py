@@ -288,7 +288,7 @@ TRACK = Stage("track", 3, ("track",), _track, disk.save_track, disk.load_track)
 CROP = Stage("crop", 2, ("crop",), _crop, disk.save_crops, disk.load_crops)
 DRAWINGS = Stage("drawings", 1, ("crop",), _drawings, disk.save_crops, disk.load_crops)
 AUTOMATIC = Stage("automatic", 1, ("auto",), _automatic, disk.save_cutout, disk.load_cutout)
-PUPPET = Stage("puppet", 2, ("puppet",), _puppet, disk.save_puppet, disk.load_puppet)
+PUPPET = Stage("puppet", 3, ("puppet",), _puppet, disk.save_puppet, disk.load_puppet)
 PLACE = Stage("place", 3, ("search",), _place, disk.save_placement, disk.load_placement)
 HINGES = Stage("hinges", 4, ("search",), _hinges, disk.save_puppet, disk.load_puppet)
 SEARCH_PART = Stage("search.part", 5, ("search",), _search_part, disk.save_hypotheses, disk.load_hypotheses)
@@ -307,7 +307,7 @@ CONFIDENCE = Stage("confidence", 3, (), _confidence, disk.save_fit, disk.load_fi
 REUSE = Stage("reuse", 1, ("crop",), _reuse, disk.save_numbers, disk.load_numbers)
 EXPOSURE = Stage("exposure", 1, (), _exposure, disk.save_files, disk.load_folder)
 MESHES = Stage("meshes", 1, ("out",), _meshes, disk.save_files, disk.load_folder)
-PREVIEW = Stage("preview", 1, (), _preview, disk.save_files, disk.load_folder)
+PREVIEW = Stage("preview", 2, (), _preview, disk.save_files, disk.load_folder)
 
 STAGES = (
     PROBE, TRACK, CROP, DRAWINGS, AUTOMATIC, PUPPET, PLACE, HINGES, SEARCH_PART, SEARCH, KEYFRAMES_PART,

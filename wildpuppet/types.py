@@ -1,6 +1,7 @@
 """START HERE: every value that passes between stages, with shapes and units.
 
-Axes: T frames, L layers (parts), V vertices of all layers, F triangles, J joints, N points, H W rows and columns.
+Axes: T frames, L layers (parts), P rigid pieces of them, V vertices of all layers, F triangles, J joints, K bends,
+N points, H W rows and columns.
 Coordinates are (x, y), x right, y down, in pixels, origin at the image's corner: the centre of the first pixel is
 (0.5, 0.5). The frame of reference is part of the name (``vertices_crop``); maps are destination first
 (``video_from_crop``: a (2, 3) matrix that takes crop coordinates to video coordinates). Times are integer pts in a
@@ -139,6 +140,9 @@ class Puppet:
     translation of ``vertices`` per layer. ``atlas`` is RGBA, straight alpha, colour bled beyond the edge; its alpha
     is 0 along every mesh border. Joint j ties a point of layer ``joint_layers[j, 0]`` to one of ``joint_layers[j, 1]``;
     each point is the barycentric mix ``joint_weights[j, k]`` of the vertices ``joint_vertices[j, k]``.
+
+    Layer ``bend_layers[k]`` (ascending) bends at ``bend_points[k]``, canvas pixels: it is two rigid pieces there.
+    ``bend_axes[k]`` points along it and is half as long as it is wide. Pieces are numbered layer by layer.
     """
 
     names: tuple[str, ...]
@@ -152,11 +156,20 @@ class Puppet:
     joint_vertices: Int[np.ndarray, "J 2 3"]
     joint_weights: Float[np.ndarray, "J 2 3"]
     reference: int | None = None
+    bend_layers: Int[np.ndarray, "K"] = field(default_factory=lambda: np.zeros(0, np.int64))
+    bend_points: Float[np.ndarray, "K 2"] = field(default_factory=lambda: np.zeros((0, 2)))
+    bend_axes: Float[np.ndarray, "K 2"] = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
     def num_layers(self) -> int:
         """Number of layers (parts)."""
         return len(self.names)
+
+    @property
+    def layer_of_piece(self) -> Int[np.ndarray, "P"]:
+        """Layer of each rigid piece: a layer that bends has two, the one that its axis points to last."""
+        layers: Int[np.ndarray, "P"] = np.sort(np.r_[np.arange(self.num_layers), self.bend_layers])
+        return layers
 
     @property
     def layer_of_triangle(self) -> Int[np.ndarray, "F"]:
@@ -167,14 +180,14 @@ class Puppet:
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Coarse poses: a similarity per part and frame, as found by the search.
+    """Coarse poses: a similarity per rigid piece and frame, as found by the search.
 
-    ``crop_from_canvas[t, l]`` takes layer l's rest position to its place in crop t. ``cost`` is the whole energy of
-    the pose, ``margin`` how much worse the best different hypothesis is (0: undecided). ``order`` lists layers back
-    to front.
+    ``crop_from_canvas[t, p]`` takes piece p's rest position to its place in crop t (``place.pose_vertices`` takes a
+    map per layer too). ``cost`` is the whole energy of the pose, ``margin`` how much worse the best different
+    hypothesis is (0: undecided). ``order`` lists layers back to front.
     """
 
-    crop_from_canvas: Float[np.ndarray, "T L 2 3"]
+    crop_from_canvas: Float[np.ndarray, "T P 2 3"]
     order: Int[np.ndarray, "T L"]
     cost: Float[np.ndarray, "T"]
     margin: Float[np.ndarray, "T"]
@@ -184,7 +197,7 @@ class Poses:
 class Hypotheses:
     """The N best poses of each frame, best first; frames with fewer repeat their last with infinite cost."""
 
-    crop_from_canvas: Float[np.ndarray, "T N L 2 3"]
+    crop_from_canvas: Float[np.ndarray, "T N P 2 3"]
     order: Int[np.ndarray, "T N L"]
     cost: Float[np.ndarray, "T N"]
 
@@ -214,7 +227,7 @@ class Followed:
     """
 
     frames: Int[np.ndarray, "n"]
-    crop_from_canvas: Float[np.ndarray, "n L 2 3"]
+    crop_from_canvas: Float[np.ndarray, "n P 2 3"]
     order: Int[np.ndarray, "n L"]
     cost: Float[np.ndarray, "n"]
     is_fixed: Bool[np.ndarray, "n"]

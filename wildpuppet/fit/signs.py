@@ -131,9 +131,9 @@ def _of_vertices(
 
 def margin_of(
     witness: Witness,
-    crop_from_canvas: Float[np.ndarray, "N L 2 3"],
+    crop_from_canvas: Float[np.ndarray, "N P 2 3"],
     cost: Float[np.ndarray, "N"],
-    chosen: Float[np.ndarray, "L 2 3"],
+    chosen: Float[np.ndarray, "P 2 3"],
     seen_of_part: Float[np.ndarray, "V"],
 ) -> Float[np.ndarray, "V"]:
     """Give the extra cost, per pixel that moves, of the best hypothesis that has each vertex elsewhere.

@@ -20,7 +20,9 @@ OUTSIDE = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Springs:
-    """Costs of bending the tree: of a gap of 0, 1, 2 ... search pixels along an axis, and of a turn per radian^2.
+    """Costs of bending the tree: of a gap of 0, 1, 2 ... search pixels along an axis, and of turns per radian^2.
+
+    ``turn`` is that of a part against its parent, ``bend`` that of a piece against the other piece of its part.
 
     Gaps cost their square near 0 and grow linearly from there: joints drawn by hand or guessed from an overlap are
     rarely the true hinge, and a quadratic spring would rather lose a limb than open one.
@@ -29,6 +31,7 @@ class Springs:
     hinge: Float[np.ndarray, "R"]
     loose: Float[np.ndarray, "R"]
     turn: float
+    bend: float
 
     def pull(self, is_hinge: bool) -> Float[np.ndarray, "R"]:
         """Choose the table of a hinge or of a loose link."""
@@ -51,12 +54,21 @@ def pull_table(slack: float, cost: float, reach: int) -> Float[np.ndarray, "R"]:
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """An edge at the templates' scale: offsets (x, y) from the parent's and the child's pivot to the joint."""
+    """An edge at the templates' scale: offsets (x, y) from the parent's and the child's pivot to the joint.
+
+    ``pull`` and ``turn`` are the costs of a gap of 0, 1, 2 ... pixels along an axis and of each of the K angles.
+    """
 
     edge: Edge
     from_parent: Int[np.ndarray, "K 2"]
     from_child: Int[np.ndarray, "K 2"]
     pull: Float[np.ndarray, "R"]
+    turn: Float[np.ndarray, "K"]
+
+    def turn_of(self, angle: Int[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """Cost of turns of the child against its parent, in steps of the templates' angles."""
+        cost: Float[np.ndarray, "*shape"] = self.turn[angle % len(self.turn)]
+        return cost
 
     def pull_of(self, gap: Int[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         """Cost of gaps (search pixels, not negative) along an axis; beyond the table it goes on linearly."""
@@ -76,7 +88,6 @@ class Solution:
     unary: tuple[Float[np.ndarray, "K H W"], ...]
     accumulated: tuple[Float[np.ndarray, "K _ _"], ...]
     links: dict[int, Link]
-    turn: Float[np.ndarray, "K"]
 
 
 State = tuple[int, int, int]
@@ -113,19 +124,19 @@ def solve(
             joint_offsets(images[edge.parent], templates, edge.at),
             joint_offsets(images[edge.child], templates, edge.at),
             springs.pull(edge.is_hinge),
+            turn_costs(templates.radians, springs.bend if edge.is_bend else springs.turn),
         )
         for edge in tree.edges
     }
-    turn = turn_costs(templates.radians, springs.turn)
     for edge in reversed(tree.edges):
-        send(accumulated, links[edge.child], turn)
-    return Solution(tree, templates, springs, images, tuple(unary), tuple(accumulated), links, turn)
+        send(accumulated, links[edge.child])
+    return Solution(tree, templates, springs, images, tuple(unary), tuple(accumulated), links)
 
 
-def send(accumulated: list[Float[np.ndarray, "K _ _"]], link: Link, turn: Float[np.ndarray, "K"]) -> None:
+def send(accumulated: list[Float[np.ndarray, "K _ _"]], link: Link) -> None:
     """Add a child's accumulated cost to its parent's, through their joint's spring and the cost of turning."""
     message = kernels.shift_each(accumulated[link.edge.child], -link.from_child, OUTSIDE)
-    message = kernels.turn_transform(kernels.spring_transform(message, link.pull), turn)
+    message = kernels.turn_transform(kernels.spring_transform(message, link.pull), link.turn)
     accumulated[link.edge.parent] += kernels.shift_each(message, link.from_parent, OUTSIDE)
 
 
@@ -151,7 +162,7 @@ def child_modes(solution: Solution, child: int, parent_state: State, num: int) -
     link, costs = solution.links[child], solution.accumulated[child]
     num_angles, height, width = costs.shape
     pivots = np.array(parent_state[1:]) + link.from_parent[parent_state[0]] - link.from_child
-    turn = solution.turn[(np.arange(num_angles) - parent_state[0]) % num_angles]
+    turn = link.turn_of(np.arange(num_angles) - parent_state[0])
     span = np.arange(1 - len(link.pull), len(link.pull))
     pull = link.pull[np.abs(span)][:, None] + link.pull[np.abs(span)]
     rows, columns = pivots[:, 1, None] + span, pivots[:, 0, None] + span

@@ -26,8 +26,8 @@ from wildpuppet.types import Crops, Followed, Hypotheses, Keyframe, Puppet
 FOLLOWED_DRAWINGS = 8
 """How many drawings on each side are given the keyframe's pose; from there the choice over time carries on."""
 
-Pose = tuple[Float[np.ndarray, "L 2 3"], Int[np.ndarray, "L"]]
-"""Crop from canvas of every part, and layers back to front."""
+Pose = tuple[Float[np.ndarray, "P 2 3"], Int[np.ndarray, "L"]]
+"""Crop from canvas of every piece, and layers back to front."""
 
 
 def follow(
@@ -78,17 +78,17 @@ def _pose_of(
     key: int,
 ) -> Pose:
     """Find the whole pose of a keyframe: what is given, the rest as the picture and the hinges have it."""
-    puppet, crop_from_video = searcher.puppet, affine.invert(crops.video_from_crop[key])
+    pieces, crop_from_video = searcher.pieces, affine.invert(crops.video_from_crop[key])
     maps, order = hypotheses.crop_from_canvas[key], hypotheses.order[key]
     if keyframe.vertices_video is None:
-        layers = puppet.layer_of_vertex[keyframe.corners[:, 0]]
-        points = (puppet.vertices[keyframe.corners] * keyframe.weights[..., None]).sum(1)
+        touched = pieces.piece_of_vertex[keyframe.corners[:, 0]]
+        points = (pieces.whole.vertices[keyframe.corners] * keyframe.weights[..., None]).sum(1)
         given = affine.apply(crop_from_video, keyframe.points_video)
-        starts = [(placed(one, layers, points, given), its) for one, its in zip(maps, order, strict=True)]
-        maps, order, _ = search_from(searcher, crops, placement, key, starts, Pull(layers, points, given))
-        return placed(maps[0], layers, points, given), order[0] if keyframe.order is None else keyframe.order
+        starts = [(placed(one, touched, points, given), its) for one, its in zip(maps, order, strict=True)]
+        maps, order, _ = search_from(searcher, crops, placement, key, starts, Pull(touched, points, given))
+        return placed(maps[0], touched, points, given), order[0] if keyframe.order is None else keyframe.order
     vertices = affine.apply(crop_from_video, keyframe.vertices_video)
-    return similarities(puppet, vertices), order[0] if keyframe.order is None else keyframe.order
+    return similarities(pieces.puppet, vertices[pieces.vertex]), order[0] if keyframe.order is None else keyframe.order
 
 
 def _walk(crops: Crops, key: int, direction: int) -> Iterator[int]:
@@ -106,7 +106,7 @@ def _next_pose(
     searcher: Searcher, crops: Crops, placement: Float[np.ndarray, "2 3"], last: Pose, before: int, frame: int
 ) -> tuple[Pose, float]:
     """Search from the last pose, standing still in the video or in the crop; give what costs and moves least."""
-    puppet = searcher.puppet
+    puppet = searcher.pieces.whole
     starts = [(affine.compose(between(crops, before, frame)[None], last[0]), last[1]), last]
     maps, order, cost = search_from(searcher, crops, placement, frame, starts)
     now = pose_vertices(puppet, maps)

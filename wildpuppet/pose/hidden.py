@@ -14,6 +14,7 @@ import torch
 from jaxtyping import Bool, Float
 
 from wildpuppet.geometry import affine
+from wildpuppet.pose.pieces import pieces_of
 from wildpuppet.pose.place import size_of
 from wildpuppet.pose.shots import Shot, keep_orders
 from wildpuppet.pose.tree import Edge, Tree, tree_of
@@ -40,24 +41,26 @@ def follow_hidden(
         return poses
     torch.set_num_threads(1)
     is_fixed = np.isfinite(hypotheses.cost).sum(1) == 1
+    pieces = pieces_of(puppet)
     maps = poses.crop_from_canvas.astype(np.float64)
-    tree = tree_of(puppet)
+    tree = tree_of(pieces.puppet, puppet.layer_of_piece)
     drawing = np.r_[True, (np.diff(crops.drawing) != 0) | (np.diff(crops.shot) != 0)]
     first = np.maximum.accumulate(np.where(drawing, np.arange(len(drawing)), 0))
-    order = poses.order.copy()
+    order = pieces.parted(poses.order)
     for number in np.unique(crops.shot):
         index = np.flatnonzero(drawing & (crops.shot == number) & (np.array(crops.state) != "lost"))
         if len(index) < 2:
             continue
-        shot = Shot(puppet, crops, settings, index, maps[index], order[index], is_fixed[index])
+        shot = Shot(pieces.puppet, crops, settings, index, maps[index], order[index], is_fixed[index])
         keep_orders(shot)
         for edge in tree.edges:
             _turn_hidden(shot, tree, edge)
         maps[index], order[index] = shot.maps, shot.order
-    moved = (maps != poses.crop_from_canvas).any((1, 2, 3)) | (order != poses.order).any(1)
+    whole_order = pieces.joined(order)
+    moved = (maps != poses.crop_from_canvas).any((1, 2, 3)) | (whole_order != poses.order).any(1)
     held = np.flatnonzero(moved[first] & (first != np.arange(len(first))) & ~is_fixed)
-    maps[held], order[held] = maps[first[held]], order[first[held]]
-    return replace(poses, crop_from_canvas=maps, order=order)
+    maps[held], whole_order[held] = maps[first[held]], whole_order[first[held]]
+    return replace(poses, crop_from_canvas=maps, order=whole_order)
 
 
 def _turn_hidden(shot: Shot, tree: Tree, edge: Edge) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from wildpuppet.machine import Machine
+from wildpuppet.pose.pieces import pieces_of
 from wildpuppet.pose.place import rest_box, size_of
 from wildpuppet.pose.search import search
 from wildpuppet.pose.tree import joint_points, part_areas
@@ -53,7 +54,8 @@ def learn_hinges(
         found = search(
             puppet, crops, placement, size_of(placement), sample, settings, replace(machine, progress=progress)
         )
-        puppet = with_hinges(puppet, hinge_places(puppet, found.crop_from_canvas[:, 0]))
+        places = hinge_places(pieces_of(puppet).puppet, found.crop_from_canvas[:, 0])
+        puppet = with_hinges(puppet, places[: len(puppet.joint_layers)])  # bends stay in the middle of their parts
     return puppet
 
 

@@ -13,6 +13,7 @@ from wildpuppet.pose import kernels
 from wildpuppet.pose.dynamic import Solution, Springs, State, pull_table, solve
 from wildpuppet.pose.exchange import PRICE, exchange_colours, told_apart
 from wildpuppet.pose.moves import Candidate, spring_cost
+from wildpuppet.pose.pieces import Pieces
 from wildpuppet.pose.place import pose_vertices
 from wildpuppet.pose.pull import Pull
 from wildpuppet.pose.rehang import Picture, hung_anew
@@ -37,9 +38,12 @@ SIZE_STEP = 1.06
 
 @dataclass(eq=False)
 class Searcher:
-    """What the search prepares once per puppet; templates are kept per size. ``shaded`` twins differ in colour."""
+    """What the search prepares once per puppet; templates are kept per size. ``shaded`` twins differ in colour.
 
-    puppet: Puppet
+    The layers of all that it holds are the puppet's rigid ``pieces``.
+    """
+
+    pieces: Pieces
     settings: SearchSettings
     search_from_crop: float
     images: tuple[PartImage, ...] = field(init=False)
@@ -53,11 +57,16 @@ class Searcher:
 
     def __post_init__(self) -> None:
         self.images = part_images(self.puppet)
-        self.tree = tree_of(self.puppet)
+        self.tree = tree_of(self.puppet, self.pieces.whole.layer_of_piece)
         self.mesh = mesh_of(self.puppet)
         self.colours = mean_colours(self.images)
         self.twins = twin_limbs(self.tree, part_areas(self.puppet), self.colours)
         self.shaded = told_apart(self.twins, self.colours)
+
+    @property
+    def puppet(self) -> Puppet:
+        """The puppet with a layer per piece."""
+        return self.pieces.puppet
 
     def size_step(self, crop_scale: float) -> int:
         """Round a size (crop pixels per canvas pixel) to its step."""
@@ -110,8 +119,8 @@ class Look:
         maps[:, :, 2] = table[:, 1:] + 0.5 - affine.apply(maps, pivots[:, None])[:, 0]
         return maps
 
-    def nearest(self, crop_from_canvas: Float[np.ndarray, "L 2 3"], order: Int[np.ndarray, "L"]) -> Candidate:
-        """Round a pose to the search grid."""
+    def nearest(self, crop_from_canvas: Float[np.ndarray, "P 2 3"], order: Int[np.ndarray, "L"]) -> Candidate:
+        """Round a pose of the pieces, with its order of the whole puppet's layers, to the search grid."""
         height, width = self.picture.evidence.matte.shape
         turns = np.arctan2(crop_from_canvas[:, 1, 0], crop_from_canvas[:, 0, 0]) / (2 * np.pi)
         angles = np.rint(turns * len(self.templates.radians)).astype(int) % len(self.templates.radians)
@@ -119,7 +128,7 @@ class Look:
         places = affine.apply(crop_from_canvas, pivots[:, None])[:, 0] * self.searcher.search_from_crop - 0.5
         places = np.rint(places).astype(int).clip(0, (width - 1, height - 1))
         states = tuple((int(a), int(p[0]), int(p[1])) for a, p in zip(angles, places, strict=True))
-        return Candidate(states, tuple(int(layer) for layer in order))
+        return Candidate(states, tuple(int(piece) for piece in self.searcher.pieces.parted(order)))
 
     def unexplained(
         self, vertices: Float[np.ndarray, "B V 2"], order: Int[np.ndarray, "B L"], worn: Texture | None = None
@@ -185,5 +194,8 @@ def _springs(settings: SearchSettings) -> Springs:
     slack = settings.hinge_slack * settings.box_pixels
     reach = max(3, round(settings.hinge_reach * settings.box_pixels))
     return Springs(
-        pull_table(slack, settings.hinge, reach), pull_table(2 * slack, settings.hinge, reach), settings.turn
+        pull_table(slack, settings.hinge, reach),
+        pull_table(2 * slack, settings.hinge, reach),
+        settings.turn,
+        settings.bend,
     )

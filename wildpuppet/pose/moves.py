@@ -162,7 +162,7 @@ def spring_cost(solution: Solution, states: Int[np.ndarray, "B L 3"]) -> Float[n
         a = parent[:, 1:] + link.from_parent[parent[:, 0]]
         b = child[:, 1:] + link.from_child[child[:, 0]]
         total += link.pull_of(np.abs(a - b)).sum(1)
-        total += solution.turn[(child[:, 0] - parent[:, 0]) % len(solution.turn)]
+        total += link.turn_of(child[:, 0] - parent[:, 0])
     return total
 
 
@@ -217,7 +217,7 @@ def _in_place_of(solution: Solution, layer: int, states: dict[int, State], model
     joint = np.array(parent[1:]) + link.from_parent[parent[0]] - link.from_child
     pull_x = link.pull_of(np.abs(columns - joint[:, 0, None]))
     pull_y = link.pull_of(np.abs(rows - joint[:, 1, None]))
-    turn = solution.turn[(np.arange(num_angles) - parent[0]) % num_angles]
+    turn = link.turn_of(np.arange(num_angles) - parent[0])
     window = costs[:, rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     total = window + pull_y[:, :, None] + pull_x[:, None] + turn[:, None, None]
     angle, row, column = np.unravel_index(np.argmin(total), total.shape)
@@ -225,8 +225,8 @@ def _in_place_of(solution: Solution, layer: int, states: dict[int, State], model
 
 
 def _reorders(tree: Tree, candidate: Candidate) -> Iterator[Candidate]:
-    """Lift each subtree to the front or push it to the back, keeping its inner order."""
-    for edge in tree.edges:
+    """Lift each subtree to the front or push it to the back, keeping its inner order; a part stays in one piece."""
+    for edge in (edge for edge in tree.edges if not edge.is_bend):
         moving = set(tree.below(edge.child))
         rest = tuple(layer for layer in candidate.order if layer not in moving)
         limb = tuple(layer for layer in candidate.order if layer in moving)

@@ -1,10 +1,11 @@
 """Where the puppet stands before any search: its rest box matched to the character's box."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from wildpuppet.errors import PuppetError
 from wildpuppet.geometry import affine
+from wildpuppet.puppet.bends import skin
 from wildpuppet.types import Crops, Puppet
 
 SAME_BOX = 0.6
@@ -63,12 +64,21 @@ def size_of(crop_from_canvas: Float[np.ndarray, "2 3"]) -> float:
 
 
 def pose_vertices(
-    puppet: Puppet, crop_from_canvas: Float[np.ndarray, "*batch L 2 3"]
+    puppet: Puppet, crop_from_canvas: Float[np.ndarray, "*batch P 2 3"]
 ) -> Float[np.ndarray, "*batch V 2"]:
-    """Move every layer's rest vertices by its map."""
-    maps = crop_from_canvas[..., puppet.layer_of_vertex, :, :]
-    moved: Float[np.ndarray, "*batch V 2"] = (maps[..., :2] @ puppet.vertices[:, :, None])[..., 0] + maps[..., 2]
-    return moved
+    """Move every layer's rest vertices by the maps of its pieces, or by its own where there is one per layer."""
+    if crop_from_canvas.shape[-3] == puppet.num_layers:
+        return _moved(puppet, crop_from_canvas, puppet.layer_of_vertex)
+    pieces, share = skin(puppet)
+    first, second = (_moved(puppet, crop_from_canvas, pieces[:, side]) for side in (0, 1))
+    return np.asarray(first + share[:, None] * (second - first))
+
+
+def _moved(
+    puppet: Puppet, crop_from_canvas: Float[np.ndarray, "*batch P 2 3"], piece: Int[np.ndarray, "V"]
+) -> Float[np.ndarray, "*batch V 2"]:
+    maps = crop_from_canvas[..., piece, :, :]
+    return np.asarray((maps[..., :2] @ puppet.vertices[:, :, None])[..., 0] + maps[..., 2])
 
 
 def _overlap(a: Float[np.ndarray, "4"], b: Float[np.ndarray, "4"]) -> float:

@@ -89,7 +89,7 @@ def hung_anew(
             accumulated[layer] += _away(states[layer], window, reach[layer])
     for edge in reversed(solution.tree.edges):
         if edge.parent in limb:
-            send(accumulated, solution.links[edge.child], solution.turn)
+            send(accumulated, solution.links[edge.child])
     conditional = replace(solution, accumulated=tuple(accumulated))
     angle, x, y = states[parent]
     at = (angle, x - window.left, y - window.top)

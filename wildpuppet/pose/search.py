@@ -13,6 +13,7 @@ from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
 from wildpuppet.pose.look import SIZE_STEP, Look, Searcher, look_at
 from wildpuppet.pose.moves import Candidate, best_candidates
+from wildpuppet.pose.pieces import pieces_of
 from wildpuppet.pose.place import between, pose_vertices, rest_box, size_of
 from wildpuppet.pose.pull import Pull
 from wildpuppet.pose.twins import MOST_TRADES
@@ -23,8 +24,8 @@ SIZE_PRIOR = 0.003
 """Cost, in shares of the puppet's pixels, of a size one step away from the one its box suggests (squared)."""
 
 
-Start = tuple[Float[np.ndarray, "L 2 3"], Int[np.ndarray, "L"]]
-"""A pose to start from: crop from canvas of each part, and the order of the layers."""
+Start = tuple[Float[np.ndarray, "P 2 3"], Int[np.ndarray, "L"]]
+"""A pose to start from: crop from canvas of each piece, and the order of the layers."""
 SIZE_TRIES = 4
 """How often the first frame is searched again at the size that explained it better."""
 
@@ -49,7 +50,7 @@ def search(
     coarse = None if crops.ordered else _coarse_searcher(puppet, placement, settings)
     expected = _expected_steps(searcher, crops, placement)
     step = searcher.size_step(size)
-    found: list[tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]] = []
+    found: list[tuple[Float[np.ndarray, "N P 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]] = []
     for done, frame in enumerate(frames):
         before = frames[done - 1] if done else None
         if before is not None and crops.drawing[frame] == crops.drawing[before]:
@@ -107,7 +108,7 @@ def _coarse_starts(coarse: Searcher, image: UInt8[np.ndarray, "H W 4"], size: fl
 def searcher_of(puppet: Puppet, placement: Float[np.ndarray, "2 3"], settings: SearchSettings) -> Searcher:
     """Prepare the search; ``placement`` (crop from canvas) says how large the puppet is seen."""
     search_scale = settings.box_pixels / max(1.0, float(rest_box(puppet)[2:].max()) * size_of(placement))
-    return Searcher(puppet, settings, search_scale)
+    return Searcher(pieces_of(puppet), settings, search_scale)
 
 
 def search_from(
@@ -117,7 +118,7 @@ def search_from(
     frame: int,
     starts: list[Start],
     pull: Pull | None = None,
-) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]:
+) -> tuple[Float[np.ndarray, "N P 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]:
     """Search one frame again with poses (crop from canvas, order) to start from, at the size of the first."""
     size = float(np.mean([size_of(one) for one in starts[0][0]]))
     expected = int(_expected_steps(searcher, crops, placement)[frame])
@@ -145,7 +146,7 @@ def _search_one(
     starts: list[Start],
     fixed_size: bool,
     pull: Pull | None = None,
-) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"], int]:
+) -> tuple[Float[np.ndarray, "N P 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"], int]:
     look = look_at(searcher, image, step, pull)
     best = best_candidates(look, [look.nearest(maps, order) for maps, order in starts], searcher.settings.num_best)
     if not fixed_size:
@@ -171,11 +172,11 @@ def _better_size(look: Look, candidate: Candidate, step: int, expected: int) -> 
 
 def _hypotheses(
     look: Look, best: list[tuple[float, Candidate]]
-) -> tuple[Float[np.ndarray, "N L 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]:
+) -> tuple[Float[np.ndarray, "N P 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]:
     """Bring poses to crop pixels and fill up to N with the last at infinite cost."""
     missing = look.searcher.settings.num_best + MOST_TRADES - len(best)
     maps = np.stack([look.maps(c.states) for _, c in best]) / look.searcher.search_from_crop
-    order = np.array([c.order for _, c in best])
+    order = look.searcher.pieces.joined(np.array([c.order for _, c in best]))
     cost = np.array([value for value, _ in best])
     return (
         np.concatenate([maps, np.repeat(maps[-1:], missing, 0)]),

@@ -8,19 +8,23 @@ part at rest.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from wildpuppet.types import Puppet
 
 
 @dataclass(frozen=True)
 class Edge:
-    """A spring from ``parent`` to ``child`` at ``at`` (canvas pixels at rest); ``is_hinge``: a joint of the puppet."""
+    """A spring from ``parent`` to ``child`` at ``at`` (canvas pixels at rest).
+
+    ``is_hinge``: a joint of the puppet; ``is_bend``: both are pieces of one part.
+    """
 
     parent: int
     child: int
     at: tuple[float, float]
     is_hinge: bool
+    is_bend: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,9 +62,13 @@ def joint_points(puppet: Puppet) -> Float[np.ndarray, "J 2 2"]:
     return points
 
 
-def tree_of(puppet: Puppet) -> Tree:
-    """Build the spanning tree, rooted at the part whose removal leaves the smallest pieces (large parts preferred)."""
-    links = _joint_links(puppet)
+def tree_of(puppet: Puppet, part: Int[np.ndarray, "L"] | None = None) -> Tree:
+    """Build the spanning tree, rooted at the part whose removal leaves the smallest pieces (large parts preferred).
+
+    ``part`` says which part each layer is a piece of, where parts were cut at their bends.
+    """
+    part = np.arange(puppet.num_layers) if part is None else part
+    links = _joint_links(puppet, part)
     links += _loose_links(puppet, links)
     root = _center(puppet, links)
     edges: list[Edge] = []
@@ -70,17 +78,18 @@ def tree_of(puppet: Puppet) -> Tree:
             for parent, child in ((a, b), (b, a)):
                 if parent == layer and child not in reached:
                     reached.append(child)
-                    edges.append(Edge(parent, child, at, is_hinge))
+                    edges.append(Edge(parent, child, at, is_hinge, bool(part[parent] == part[child])))
     return Tree(root, tuple(edges))
 
 
 _Link = tuple[int, int, tuple[float, float], bool]
 
 
-def _joint_links(puppet: Puppet) -> list[_Link]:
+def _joint_links(puppet: Puppet, part: Int[np.ndarray, "L"]) -> list[_Link]:
     areas = part_areas(puppet)
+    is_bend = part[puppet.joint_layers[:, 0]] == part[puppet.joint_layers[:, 1]]
     middle = joint_points(puppet).mean(1) if len(puppet.joint_layers) else np.zeros((0, 2))
-    by_size = sorted(range(len(middle)), key=lambda j: -areas[puppet.joint_layers[j]].min())
+    by_size = sorted(range(len(middle)), key=lambda j: (not is_bend[j], -areas[puppet.joint_layers[j]].min()))
     group = list(range(puppet.num_layers))
     links: list[_Link] = []
     for j in by_size:

@@ -15,6 +15,7 @@ from wildpuppet.errors import PuppetError
 from wildpuppet.geometry.topology import boundary_edges, subdivide
 from wildpuppet.geometry.triangulate import triangulate
 from wildpuppet.puppet.atlas import assemble, bleed, border_texels, cut_window, shelf_pack, window_of
+from wildpuppet.puppet.bends import with_bends
 from wildpuppet.puppet.contours import rings_around
 from wildpuppet.puppet.copies import without_copies
 from wildpuppet.puppet.joints import attach, joint_positions
@@ -61,7 +62,7 @@ def build(cutout: CutOut, settings: PuppetSettings) -> Puppet:
     size, corners = shelf_pack(np.array([layer.window[2:] for layer in layers]))
     shift = corners - np.array([layer.window[:2] for layer in layers])
     joint_layers, joint_vertices, joint_weights = _joints(cutout, layers, starts, settings)
-    return Puppet(
+    puppet = Puppet(
         names=tuple(part.name for part in cutout.parts),
         canvas=cutout.canvas,
         vertices=vertices,
@@ -74,6 +75,7 @@ def build(cutout: CutOut, settings: PuppetSettings) -> Puppet:
         joint_weights=joint_weights,
         reference=cutout.reference,
     )
+    return with_bends(puppet, settings.slender)
 
 
 def rest_box(cutout: CutOut, least_alpha: int) -> tuple[float, float, float, float]:
