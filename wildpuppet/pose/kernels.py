@@ -28,13 +28,36 @@ def template_costs(
     for work in prange(num_angles * height):
         angle, y = work // height, work % height
         row = costs[angle, y]
-        for pixel in range(start[angle], start[angle] + count[angle]):
-            source = disagreement[pixels[pixel, 2], y + pixels[pixel, 0] + reach]
-            first = pixels[pixel, 1] + reach
-            weight = weights[pixel]
+        first, end = start[angle], start[angle] + count[angle]
+        for p in range(first, end - 3, 4):  # the row is read and written a quarter as often
+            _add_four(row, disagreement, pixels[p : p + 4], weights[p : p + 4], y + reach, reach)
+        for p in range(end - (end - first) % 4, end):
+            source, left = disagreement[pixels[p, 2], y + pixels[p, 0] + reach], pixels[p, 1] + reach
             for x in range(width):
-                row[x] += weight * source[first + x]
+                row[x] += weights[p] * source[left + x]
     return costs
+
+
+@njit(cache=True, fastmath=RELAXED, inline="always")
+def _add_four(
+    row: Float[np.ndarray, "W"],
+    disagreement: Float[np.ndarray, "C Hp Wp"],
+    pixels: Int[np.ndarray, "4 3"],
+    weights: Float[np.ndarray, "4"],
+    top: int,
+    left: int,
+) -> None:
+    """Add what lies under four of a template's pixels; unsigned places, so that the compiler sees no wrapping round."""
+    under_a, under_b = disagreement[pixels[0, 2], top + pixels[0, 0]], disagreement[pixels[1, 2], top + pixels[1, 0]]
+    under_c, under_d = disagreement[pixels[2, 2], top + pixels[2, 0]], disagreement[pixels[3, 2], top + pixels[3, 0]]
+    a, b = np.uint64(left + pixels[0, 1]), np.uint64(left + pixels[1, 1])
+    c, d = np.uint64(left + pixels[2, 1]), np.uint64(left + pixels[3, 1])
+    weight_a, weight_b, weight_c, weight_d = weights[0], weights[1], weights[2], weights[3]
+    for x in range(np.uint64(len(row))):
+        row[x] = (
+            row[x] + weight_a * under_a[a + x] + weight_b * under_b[b + x]
+            + weight_c * under_c[c + x] + weight_d * under_d[d + x]
+        )  # fmt: skip
 
 
 @njit(parallel=True, cache=True, fastmath=RELAXED)
