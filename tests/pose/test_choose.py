@@ -6,7 +6,7 @@ import pytest
 
 from tests.pose.boxes import box_puppet, crops_around
 from wildpuppet.machine import Machine
-from wildpuppet.pose.choose import best_path, choose
+from wildpuppet.pose.choose import best_path, choose, steadiest_path
 from wildpuppet.settings import SearchSettings
 from wildpuppet.types import Crops, Hypotheses, Poses, Puppet
 
@@ -123,3 +123,37 @@ def test_one_hypothesis_is_beyond_doubt():
     poses = choose(PUPPET, crops_around(NUM), one, SearchSettings(), Machine())
     assert np.isinf(poses.margin).all()
     np.testing.assert_array_equal(poses.crop_from_canvas, one.crop_from_canvas[:, 0])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_steadiest_path_is_the_best_of_all_paths(seed):
+    draw = np.random.default_rng(seed)
+    costs, steps, changes = (
+        draw.uniform(0, 1, (5, 3)),
+        list(draw.uniform(0, 1, (4, 3, 3))),
+        draw.uniform(0, 1, (3, 3, 3, 3)),
+    )
+
+    def total(path: tuple[int, ...]) -> float:
+        own = sum(costs[t, i] for t, i in enumerate(path))
+        own += sum(step[i, j] for step, i, j in zip(steps, path[:-1], path[1:], strict=True))
+        return own + sum(change[path[t : t + 3]] for t, change in enumerate(changes))
+
+    best = min(itertools.product(range(3), repeat=5), key=total)
+    assert tuple(steadiest_path(costs, steps, changes)) == best
+    assert tuple(steadiest_path(costs[:2], steps[:1], [])) == tuple(best_path(costs[:2], steps[:1]))
+
+
+def test_legs_that_pass_each_other_go_on():
+    """In the fourth frame one leg covers the other; a swap from there on costs less and moves as little."""
+    maps = two_hypotheses(np.tile([0.0, 1.0], (NUM, 1))).crop_from_canvas
+    apart = 9.0 - 3.0 * np.arange(NUM)
+    maps[:, 0, 1, 0, 2] += (9.0 - apart) / 2
+    maps[:, 0, 2, 0, 2] -= (9.0 - apart) / 2
+    maps[:, 1] = maps[:, 0]
+    maps[:, 1, 1, 0, 2] += apart
+    maps[:, 1, 2, 0, 2] -= apart
+    cost = np.where(np.arange(NUM)[:, None] <= NUM // 2, [0.0, 1.0], [0.05, 0.0])
+    hypotheses = Hypotheses(maps, np.tile(np.arange(3), (NUM, 2, 1)), cost)
+    poses = choose(PUPPET, crops_around(NUM), hypotheses, SearchSettings(), Machine())
+    np.testing.assert_array_equal(poses.crop_from_canvas, maps[:, 0])

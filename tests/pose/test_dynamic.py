@@ -38,7 +38,7 @@ def solved(hinges: list[Hinge], seed: int) -> tuple[Solution, list[np.ndarray]]:
     draw = np.random.default_rng(seed)
     inner = [draw.uniform(0, 1, (ANGLES, HEIGHT - 2, WIDTH - 2)).astype(np.float32) for _ in BOXES]
     unary = [np.pad(cost, ((0, 0), (1, 1), (1, 1)), constant_values=RIM) for cost in inner]
-    return solve(unary, tree_of(puppet), images, templates, Springs(HINGE, LOOSE, TURN, TURN)), unary
+    return solve(unary, tree_of(puppet), images, templates, Springs(HINGE, LOOSE, HINGE, TURN, TURN)), unary
 
 
 def joint_pixels(image: PartImage, at: tuple[float, float], scale: float) -> np.ndarray:

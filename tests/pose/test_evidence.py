@@ -11,7 +11,7 @@ from wildpuppet.pose.evidence import (
     BEHIND,
     SIGMA,
     SMOOTH,
-    UNEXPLAINED,
+    SURELY,
     colours_wrong,
     disagreement_maps,
     evidence_of,
@@ -32,6 +32,8 @@ SIDE, LEFT, TOP = 11, 21, 15
 PAINT, GROUND = (200, 40, 40), (90, 100, 110)
 SQUARE = box_puppet([(LEFT, TOP, SIDE, SIDE)], colours=[PAINT])
 TWO = box_puppet([(LEFT, TOP, SIDE, SIDE), (LEFT, TOP, SIDE, SIDE)], colours=[PAINT, PAINT])
+LEFT_OUT = 1 + SURELY
+"""Price of a pixel that is surely the character's and that no part explains."""
 
 
 def frame(matte_ground: int = 0, matte_square: int = 255) -> np.ndarray:
@@ -58,17 +60,20 @@ def wrong(first: tuple[int, int, int], second: tuple[int, int, int]) -> float:
 def test_flat_square_by_hand():
     steps = (0, 1, 4, SIDE + 2)
     costs = cost_of(frame(), shifts=[(step, 0) for step in steps])
-    strip = UNEXPLAINED + wrong(PAINT, GROUND) + BEHIND  # uncovered behind, wrongly covered in front, per pixel
+    strip = LEFT_OUT + wrong(PAINT, GROUND) + BEHIND  # uncovered behind, wrongly covered in front, per pixel
     expected = [SIDE * min(step, SIDE) * strip for step in steps]
     # the texture's edge and 8-bit alpha leave a little even in place
     np.testing.assert_allclose(costs, expected, atol=0.02 * SIDE**2)
 
 
-def test_wrong_colour_costs_as_much_as_leaving_it():
+def test_wrong_colour_costs_less_than_leaving_what_is_surely_there():
     other = box_puppet([(LEFT, TOP, SIDE, SIDE)], colours=[(20, 60, 250)])
     far = cost_of(frame(), other, [(0, 0), (0, SIDE + 5)])
     assert far[0] == pytest.approx(SIDE**2 * wrong(PAINT, (20, 60, 250)), rel=0.02)
-    assert wrong(PAINT, (20, 60, 250)) == pytest.approx(UNEXPLAINED, abs=0.05)
+    assert wrong(PAINT, (20, 60, 250)) == pytest.approx(1.0, abs=0.05)
+    assert far[1] - far[0] == pytest.approx(
+        SIDE**2 * (LEFT_OUT + BEHIND + wrong(GROUND, (20, 60, 250)) - 1.0), rel=0.05
+    )
 
 
 def test_two_parts_gain_nothing_on_one_place():
@@ -78,14 +83,15 @@ def test_two_parts_gain_nothing_on_one_place():
     texture, order = lab_texture(texture_at(TWO, 1.0)), np.array([[0, 1]])
     apart = unexplained_cost(evidence_of(picture, 1.0), both[None], order, mesh_of(TWO), texture)
     assert apart[0] == pytest.approx(0, abs=0.04 * SIDE**2)
-    assert cost_of(picture, TWO)[0] == pytest.approx(SIDE**2 * UNEXPLAINED, rel=0.05)
+    assert cost_of(picture, TWO)[0] == pytest.approx(SIDE**2 * LEFT_OUT, rel=0.05)
 
 
 def test_where_the_matte_does_not_know_agreeing_colours_are_worth_claiming():
     here, away = cost_of(frame(128, 128), shifts=[(0, 0), (0, SIDE + 5)])
-    nothing = 48 * 64 * UNEXPLAINED * 128 / 255
-    assert here == pytest.approx(nothing - SIDE**2 * UNEXPLAINED * 128 / 255, rel=0.01)
-    assert away == pytest.approx(nothing + SIDE**2 * (wrong(PAINT, GROUND) - UNEXPLAINED * 128 / 255), rel=0.01)
+    matte = 128 / 255
+    left = matte + SURELY * (2 * matte - 1)
+    assert here == pytest.approx((48 * 64 - SIDE**2) * left, rel=0.01)
+    assert away == pytest.approx(48 * 64 * left + SIDE**2 * (wrong(PAINT, GROUND) - left), rel=0.01)
 
 
 def test_template_cost_in_place_is_minus_what_it_explains():
@@ -99,7 +105,7 @@ def test_template_cost_in_place_is_minus_what_it_explains():
     )
     angle, y, x = np.unravel_index(costs.argmin(), costs.shape)
     assert (angle % 2, y, x) == (0, TOP + SIDE // 2, LEFT + SIDE // 2)  # a square: any quarter turn
-    assert costs.min() == pytest.approx(-UNEXPLAINED * SIDE**2, rel=0.02)
+    assert costs.min() == pytest.approx(-LEFT_OUT * SIDE**2, rel=0.02)
     assert costs[0, 5, 5] == pytest.approx((wrong(PAINT, GROUND) + BEHIND) * SIDE**2, rel=0.1)
 
 

@@ -66,7 +66,7 @@ def drawn() -> Drawn:
     images = part_images(PUPPET)
     palette = palette_of(images, 1.0, 8)
     templates = make_templates(images, 1.0, ANGLES, palette)
-    springs = Springs(pull_table(2.0, 0.02, 10), pull_table(4.0, 0.02, 10), 0.02, 0.02)
+    springs = Springs(pull_table(2.0, 0.02, 10), pull_table(4.0, 0.02, 10), pull_table(1.0, 0.02, 10), 0.02, 0.02)
     unary = [np.zeros((ANGLES, *SIZE[::-1]), np.float32) for _ in images]
     solution = solve(unary, tree_of(PUPPET), images, templates, springs)
     wrong = ev.colours_wrong(evidence, palette)

@@ -22,7 +22,8 @@ OUTSIDE = 4.0
 class Springs:
     """Costs of bending the tree: of a gap of 0, 1, 2 ... search pixels along an axis, and of turns per radian^2.
 
-    ``turn`` is that of a part against its parent, ``bend`` that of a piece against the other piece of its part.
+    ``turn`` is that of a part against its parent, ``bend`` that of a piece against the other piece of its part, whose
+    gaps (``tight``) are none but the grid's rounding.
 
     Gaps cost their square near 0 and grow linearly from there: joints drawn by hand or guessed from an overlap are
     rarely the true hinge, and a quadratic spring would rather lose a limb than open one.
@@ -30,12 +31,13 @@ class Springs:
 
     hinge: Float[np.ndarray, "R"]
     loose: Float[np.ndarray, "R"]
+    tight: Float[np.ndarray, "R"]
     turn: float
     bend: float
 
-    def pull(self, is_hinge: bool) -> Float[np.ndarray, "R"]:
-        """Choose the table of a hinge or of a loose link."""
-        return self.hinge if is_hinge else self.loose
+    def pull(self, edge: Edge) -> Float[np.ndarray, "R"]:
+        """Choose the table of a bend, a hinge or a loose link."""
+        return self.tight if edge.is_bend else self.hinge if edge.is_hinge else self.loose
 
 
 LINEAR_TURN = 0.5
@@ -123,7 +125,7 @@ def solve(
             edge,
             joint_offsets(images[edge.parent], templates, edge.at),
             joint_offsets(images[edge.child], templates, edge.at),
-            springs.pull(edge.is_hinge),
+            springs.pull(edge),
             turn_costs(templates.radians, springs.bend if edge.is_bend else springs.turn),
         )
         for edge in tree.edges

@@ -3,9 +3,9 @@
 One explanation per pixel. With a the puppet's coverage, C its colour there, I the frame's colour and m the matte, a
 pixel costs
 
-    a * (disagreement(I, C) + BEHIND * max(0, 1 - 2 m)) + (1 - a) * UNEXPLAINED * m
+    a * (disagreement(I, C) + BEHIND * max(0, 1 - 2 m)) + (1 - a) * (m + SURELY * max(0, 2 m - 1))
 
-so that claiming a foreground pixel with the wrong colour costs as much as leaving it unexplained, claiming background
+so that leaving a foreground pixel unexplained costs more than claiming it with the wrong colour, claiming background
 costs extra, and two parts gain nothing by claiming the same pixel. Where the matte does not know (m = 0.5) a pixel is
 worth claiming with a colour that agrees: without that a puppet would shrink wherever the background is unknown.
 Disagreement grows about linearly with the Lab distance, so that the shade by which a far leg differs from the near one
@@ -24,8 +24,10 @@ from wildpuppet.puppet.colour import lab
 from wildpuppet.render.render import Mesh, render
 from wildpuppet.render.texture import Texture
 
-UNEXPLAINED = 1.0
 BEHIND = 1.0
+SURELY = 0.4
+"""Price, beside that of a wrong colour, of leaving a pixel unexplained that is surely the character's: some part must
+lie there, whatever it looks like."""
 SIGMA = 15.0
 """Lab distance at which a pixel is about 60 % wrong."""
 SMOOTH = 4.0
@@ -61,6 +63,12 @@ def behind_cost(matte: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape
     return price
 
 
+def unexplained_price(matte: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """Price of leaving a pixel unexplained."""
+    price: Float[np.ndarray, "*shape"] = matte + SURELY * np.maximum(2 * matte - 1, 0)
+    return price
+
+
 def colours_wrong(evidence: Evidence, palette: Float[np.ndarray, "C 3"]) -> Float[np.ndarray, "C H W"]:
     """Tell how badly each pixel disagrees with each palette colour, 0..1."""
     return disagreement(((evidence.lab[None] - palette[:, None, None]) ** 2).sum(-1))
@@ -73,7 +81,7 @@ def disagreement_maps(
 
     ``wrong`` comes from ``colours_wrong``.
     """
-    gain = wrong + behind_cost(evidence.matte) - UNEXPLAINED * evidence.matte
+    gain = wrong + behind_cost(evidence.matte) - unexplained_price(evidence.matte)
     padded = np.pad(gain, ((0, 0), (reach, reach), (reach, reach)), constant_values=BEHIND)
     return np.ascontiguousarray(padded, np.float32)
 
@@ -104,7 +112,7 @@ def unexplained_cost(
             (width, height),
         ).rgba.numpy()
     rows: Float[np.ndarray, "B H"] = composite_costs(
-        picture, evidence.lab, behind_cost(evidence.matte), UNEXPLAINED * evidence.matte, LAB_UNIT, WRONG, PER_STEP
+        picture, evidence.lab, behind_cost(evidence.matte), unexplained_price(evidence.matte), LAB_UNIT, WRONG, PER_STEP
     )
     costs: Float[np.ndarray, "B"] = rows.sum(1)
     return costs

@@ -34,6 +34,8 @@ from wildpuppet.types import Puppet
 
 SIZE_STEP = 1.06
 """Ratio between neighbouring sizes of the templates."""
+TIGHT = 1 / 3
+"""Slack of a bend, as a share of a hinge's: where it is, is known."""
 
 
 @dataclass(eq=False)
@@ -193,9 +195,5 @@ def look_at(searcher: Searcher, image: UInt8[np.ndarray, "H W 4"], step: int, pu
 def _springs(settings: SearchSettings) -> Springs:
     slack = settings.hinge_slack * settings.box_pixels
     reach = max(3, round(settings.hinge_reach * settings.box_pixels))
-    return Springs(
-        pull_table(slack, settings.hinge, reach),
-        pull_table(2 * slack, settings.hinge, reach),
-        settings.turn,
-        settings.bend,
-    )
+    hinge, loose, tight = (pull_table(share * slack, settings.hinge, reach) for share in (1.0, 2.0, TIGHT))
+    return Springs(hinge, loose, tight, settings.turn, settings.bend)
