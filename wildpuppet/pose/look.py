@@ -16,7 +16,7 @@ from wildpuppet.pose.moves import Candidate, spring_cost
 from wildpuppet.pose.pieces import Pieces
 from wildpuppet.pose.place import pose_vertices
 from wildpuppet.pose.pull import Pull
-from wildpuppet.pose.rehang import Picture, hung_anew
+from wildpuppet.pose.rehang import Picture, hung_anew, seated_anew
 from wildpuppet.pose.templates import (
     PartImage,
     Templates,
@@ -160,6 +160,13 @@ class Look:
             self.picture, self.solution, candidate.states, candidate.order, vertices, head, free, num, reach
         )
         return [Candidate(states, candidate.order) for states in found]
+
+    def reseat(self, candidate: Candidate) -> Candidate:
+        """Seat the root anew, as ``seated_anew`` does."""
+        vertices = pose_vertices(self.searcher.puppet, self.maps(candidate.states)[None])[0]
+        return Candidate(
+            seated_anew(self.picture, self.solution, candidate.states, candidate.order, vertices), candidate.order
+        )
 
     def exchanged(self, candidate: Candidate, pairs: list[Pair]) -> float:
         """Give the cost of a pose in which pairs of twins wear each other's colours, its price included."""

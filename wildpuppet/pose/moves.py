@@ -54,6 +54,10 @@ class Frame(Protocol):
         """Find the ``num`` best poses of the limb at ``head``, the parts ``free`` not there; ``reach``: near by."""
         ...
 
+    def reseat(self, candidate: Candidate, /) -> Candidate:
+        """Find the best place of the root near by, the other parts staying where they are."""
+        ...
+
     def exchanged(self, candidate: Candidate, pairs: list[Pair], /) -> float:
         """Give the cost of a pose with the colours of pairs of twins exchanged, their price included."""
         ...
@@ -104,12 +108,13 @@ SWEEPS = 2
 
 
 def _rehang_limbs(frame: Frame, pool: dict[Candidate, float], consider: Callable[[list[Candidate]], None]) -> None:
-    """Hang every limb of the best pose anew, then both of every pair of sisters, while that improves it."""
+    """Seat the root and hang every limb of the best pose anew, then both of every pair of sisters, while that helps."""
     tree = frame.solution.tree
     parents = {edge.child: edge.parent for edge in tree.edges}
     sisters = [pair for pair in frame.twins if parents[pair[0][0]] == parents[pair[1][0]]]
     for _ in range(SWEEPS):
         before = min(pool.values())
+        consider([frame.reseat(min(pool, key=pool.__getitem__))])
         for head in limb_heads(tree):
             top = min(pool, key=pool.__getitem__)
             consider(frame.rehang(top, head, tree.below(head), 2))

@@ -102,6 +102,35 @@ def hung_anew(
     return found
 
 
+SEAT = 0.1
+"""How far the root goes when it is seated anew, as a share of the window's larger side."""
+
+
+def seated_anew(
+    picture: Picture,
+    solution: Solution,
+    states: States,
+    order: Sequence[int],
+    vertices: Float[np.ndarray, "V 2"],
+) -> States:
+    """Find the best place of the root near by, all other parts staying where they are."""
+    tree = solution.tree
+    _, x, y = states[tree.root]
+    num_angles, height, width = solution.accumulated[tree.root].shape
+    window = Window(x, y, x + 1, y + 1).grown(max(1, round(SEAT * max(height, width))), height, width)
+    costs = _gains(picture, solution, order, vertices, tree.root, [tree.root], window)
+    columns, rows = np.arange(window.left, window.right), np.arange(window.top, window.bottom)
+    for edge in tree.children(tree.root):
+        link, child = solution.links[edge.child], states[edge.child]
+        joint = np.array(child[1:]) + link.from_child[child[0]] - link.from_parent
+        costs = costs + link.pull_of(np.abs(columns - joint[:, 0, None]))[:, None]
+        costs += link.pull_of(np.abs(rows - joint[:, 1, None]))[:, :, None]
+        costs += link.turn_of(child[0] - np.arange(num_angles))[:, None, None]
+    angle, row, column = np.unravel_index(int(np.argmin(costs)), costs.shape)
+    seated = (int(angle), int(columns[column]), int(rows[row]))
+    return tuple(seated if layer == tree.root else state for layer, state in enumerate(states))
+
+
 AWAY = 10.0
 """Cost of a place that a part may not take."""
 
