@@ -12,7 +12,7 @@ from wildpuppet.pose import evidence as ev
 from wildpuppet.pose.dynamic import Solution, Springs, pull_table, solve
 from wildpuppet.pose.moves import spring_cost
 from wildpuppet.pose.place import pose_vertices
-from wildpuppet.pose.rehang import Picture, hung_anew
+from wildpuppet.pose.rehang import SEAT, Picture, hung_anew, seated_anew
 from wildpuppet.pose.templates import Templates, make_templates, palette_of, part_images
 from wildpuppet.pose.tree import tree_of
 from wildpuppet.puppet.colour import lab
@@ -111,3 +111,20 @@ def test_a_leg_leaves_the_place_that_its_sister_explains(drawn: Drawn) -> None:
     middle = states[BODY][1]
     assert (found[LEFT][1] - middle) * (states[RIGHT][1] - middle) < 0
     assert drawn.cost(found) < drawn.cost(both) - 0.2
+
+
+def test_the_root_gets_the_best_place_near_by(drawn: Drawn) -> None:
+    states = standing(drawn)
+    states[BODY] = (1, states[BODY][1] + 4, states[BODY][2] - 3)
+    off = tuple(states)
+    found = seated_anew(drawn.picture, drawn.solution, off, (0, 1, 2), drawn.vertices(off))
+    assert drawn.solution.tree.root == BODY
+    assert found[1:] == off[1:]
+    reach = round(SEAT * max(SIZE))
+    moves = range(-reach, reach + 1)
+    _, x, y = off[BODY]
+    least = min(
+        drawn.cost(((angle, x + dx, y + dy), *off[1:])) for angle in range(ANGLES) for dx in moves for dy in moves
+    )
+    assert drawn.cost(found) == pytest.approx(least, abs=0.02)
+    assert drawn.cost(found) < drawn.cost(off) - 0.2
