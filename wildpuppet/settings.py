@@ -114,6 +114,8 @@ class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Cost of turning a part against its parent, per squared radian (linear beyond half a radian)."""
     bend: NotNegative = 0.15
     """The same for a part that bends (``puppet.slender``): its lower piece against its upper one."""
+    cover: NotNegative = 0.4
+    """Price, beside a wrong colour's, of a drawing's pixel that no part explains; in clips (guessed mattes) none."""
     reorder: NotNegative = 0.2
     """Cost of drawing the layers in another order than the puppet's, in units of an average part's evidence."""
     time_weight: NotNegative = 1.0

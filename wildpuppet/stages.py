@@ -303,7 +303,7 @@ FIT_PART = Stage("fit.part", 3, ("fit",), _fit_part, disk.save_fit, disk.load_fi
 FIT_KEYED = Stage("fit.keyed", FIT_PART.version, ("fit",), _fit_keyed, disk.save_fit, disk.load_fit)
 FIT = Stage("fit", 1, (), _fit, disk.save_fit, disk.load_fit)
 TRAIN = Stage("train", 2, ("train", "fit"), _train, disk.save_fit, disk.load_fit, has_checkpoint=True)
-CONFIDENCE = Stage("confidence", 4, (), _confidence, disk.save_fit, disk.load_fit)
+CONFIDENCE = Stage("confidence", 3, (), _confidence, disk.save_fit, disk.load_fit)
 REUSE = Stage("reuse", 1, ("crop",), _reuse, disk.save_numbers, disk.load_numbers)
 EXPOSURE = Stage("exposure", 1, (), _exposure, disk.save_files, disk.load_folder)
 MESHES = Stage("meshes", 1, ("out",), _meshes, disk.save_files, disk.load_folder)

@@ -11,7 +11,6 @@ from wildpuppet.pose.evidence import (
     BEHIND,
     SIGMA,
     SMOOTH,
-    SURELY,
     colours_wrong,
     disagreement_maps,
     evidence_of,
@@ -32,7 +31,8 @@ SIDE, LEFT, TOP = 11, 21, 15
 PAINT, GROUND = (200, 40, 40), (90, 100, 110)
 SQUARE = box_puppet([(LEFT, TOP, SIDE, SIDE)], colours=[PAINT])
 TWO = box_puppet([(LEFT, TOP, SIDE, SIDE), (LEFT, TOP, SIDE, SIDE)], colours=[PAINT, PAINT])
-LEFT_OUT = 1 + SURELY
+COVER = 0.4
+LEFT_OUT = 1 + COVER
 """Price of a pixel that is surely the character's and that no part explains."""
 
 
@@ -48,7 +48,7 @@ def cost_of(picture: np.ndarray, puppet: Puppet = SQUARE, shifts=((0, 0),)) -> n
     vertices = np.stack([puppet.vertices + np.array(shift, float) for shift in shifts])
     order = np.tile(np.arange(puppet.num_layers), (len(shifts), 1))
     texture = lab_texture(texture_at(puppet, 1.0))
-    return unexplained_cost(evidence_of(picture, 1.0), vertices, order, mesh_of(puppet), texture)
+    return unexplained_cost(evidence_of(picture, 1.0, COVER), vertices, order, mesh_of(puppet), texture)
 
 
 def wrong(first: tuple[int, int, int], second: tuple[int, int, int]) -> float:
@@ -81,7 +81,7 @@ def test_two_parts_gain_nothing_on_one_place():
     picture[TOP : TOP + SIDE, LEFT + SIDE + 4 : LEFT + 2 * SIDE + 4] = (*PAINT, 255)  # a second square
     both = TWO.vertices + np.where(TWO.layer_of_vertex[:, None] == 1, [[SIDE + 4.0, 0.0]], 0.0)
     texture, order = lab_texture(texture_at(TWO, 1.0)), np.array([[0, 1]])
-    apart = unexplained_cost(evidence_of(picture, 1.0), both[None], order, mesh_of(TWO), texture)
+    apart = unexplained_cost(evidence_of(picture, 1.0, COVER), both[None], order, mesh_of(TWO), texture)
     assert apart[0] == pytest.approx(0, abs=0.04 * SIDE**2)
     assert cost_of(picture, TWO)[0] == pytest.approx(SIDE**2 * LEFT_OUT, rel=0.05)
 
@@ -89,7 +89,7 @@ def test_two_parts_gain_nothing_on_one_place():
 def test_where_the_matte_does_not_know_agreeing_colours_are_worth_claiming():
     here, away = cost_of(frame(128, 128), shifts=[(0, 0), (0, SIDE + 5)])
     matte = 128 / 255
-    left = matte + SURELY * (2 * matte - 1)
+    left = matte + COVER * (2 * matte - 1)
     assert here == pytest.approx((48 * 64 - SIDE**2) * left, rel=0.01)
     assert away == pytest.approx(48 * 64 * left + SIDE**2 * (wrong(PAINT, GROUND) - left), rel=0.01)
 
@@ -98,7 +98,7 @@ def test_template_cost_in_place_is_minus_what_it_explains():
     images = part_images(SQUARE)
     palette = palette_of(images, 1.0, 4)
     templates = make_templates(images, 1.0, 8, palette)
-    evidence = evidence_of(frame(), 1.0)
+    evidence = evidence_of(frame(), 1.0, COVER)
     maps = disagreement_maps(evidence, colours_wrong(evidence, palette), templates.reach)
     costs = template_costs(
         maps, templates.pixels, templates.weights, templates.start[0], templates.count[0], templates.reach, 48, 64

@@ -93,7 +93,7 @@ def _cost(evidence: ev.Evidence, shown: Float[np.ndarray, "n 4"], pixels: SeenPi
     alpha, matte = shown[:, 3], evidence.matte[pixels.rows, pixels.columns]
     colour = shown[:, :3] / np.maximum(alpha, 1e-3)[:, None] * ev.LAB_UNIT
     wrong = ev.disagreement(((colour - evidence.lab[pixels.rows, pixels.columns]) ** 2).sum(1))
-    cover = alpha * ev.behind_cost(matte) + (1 - alpha) * ev.unexplained_price(matte)
+    cover = alpha * ev.behind_cost(matte) + (1 - alpha) * matte
     return np.stack([alpha * wrong, cover]).astype(np.float64)
 
 

@@ -3,11 +3,12 @@
 One explanation per pixel. With a the puppet's coverage, C its colour there, I the frame's colour and m the matte, a
 pixel costs
 
-    a * (disagreement(I, C) + BEHIND * max(0, 1 - 2 m)) + (1 - a) * (m + SURELY * max(0, 2 m - 1))
+    a * (disagreement(I, C) + BEHIND * max(0, 1 - 2 m)) + (1 - a) * (m + cover * max(0, 2 m - 1))
 
-so that leaving a foreground pixel unexplained costs more than claiming it with the wrong colour, claiming background
-costs extra, and two parts gain nothing by claiming the same pixel. Where the matte does not know (m = 0.5) a pixel is
-worth claiming with a colour that agrees: without that a puppet would shrink wherever the background is unknown.
+so that claiming a foreground pixel with the wrong colour costs as much as leaving it unexplained (less by ``cover``,
+where the matte is exact: some part must lie there, whatever it looks like), claiming background costs extra, and two
+parts gain nothing by claiming the same pixel. Where the matte does not know (m = 0.5) a pixel is worth claiming with a
+colour that agrees: without that a puppet would shrink wherever the background is unknown.
 Disagreement grows about linearly with the Lab distance, so that the shade by which a far leg differs from the near one
 counts, and is bounded by 1, so that a face that changes does not drag the body along.
 """
@@ -25,9 +26,6 @@ from wildpuppet.render.render import Mesh, render
 from wildpuppet.render.texture import Texture
 
 BEHIND = 1.0
-SURELY = 0.4
-"""Price, beside that of a wrong colour, of leaving a pixel unexplained that is surely the character's: some part must
-lie there, whatever it looks like."""
 SIGMA = 15.0
 """Lab distance at which a pixel is about 60 % wrong."""
 SMOOTH = 4.0
@@ -37,18 +35,28 @@ LAB_UNIT = 100.0
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """One frame at search scale: Lab colours and the matte (1 character, 0 background, 0.5 unknown)."""
+    """One frame at search scale: Lab colours and the matte (1 character, 0 background, 0.5 unknown).
+
+    ``cover`` is what a pixel that is surely the character's costs beside 1 when no part explains it.
+    """
 
     lab: Float[np.ndarray, "H W 3"]
     matte: Float[np.ndarray, "H W"]
+    cover: float = 0.0
+
+    @property
+    def unexplained(self) -> Float[np.ndarray, "H W"]:
+        """Price of leaving each pixel unexplained."""
+        price: Float[np.ndarray, "H W"] = self.matte + self.cover * np.maximum(2 * self.matte - 1, 0)
+        return price
 
 
-def evidence_of(image: UInt8[np.ndarray, "H W 4"], scale: float) -> Evidence:
+def evidence_of(image: UInt8[np.ndarray, "H W 4"], scale: float, cover: float = 0.0) -> Evidence:
     """Shrink a crop to search scale (search pixels per crop pixel)."""
     height, width = image.shape[:2]
     size = (max(8, round(width * scale)), max(8, round(height * scale)))
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32) / 255
-    return Evidence(lab(small[..., :3]), small[..., 3])
+    return Evidence(lab(small[..., :3]), small[..., 3], cover)
 
 
 def disagreement(squared: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -60,12 +68,6 @@ def disagreement(squared: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*sh
 def behind_cost(matte: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Price of claiming a pixel that the matte gives to the background."""
     price: Float[np.ndarray, "*shape"] = BEHIND * np.maximum(1 - 2 * matte, 0)
-    return price
-
-
-def unexplained_price(matte: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """Price of leaving a pixel unexplained."""
-    price: Float[np.ndarray, "*shape"] = matte + SURELY * np.maximum(2 * matte - 1, 0)
     return price
 
 
@@ -81,7 +83,7 @@ def disagreement_maps(
 
     ``wrong`` comes from ``colours_wrong``.
     """
-    gain = wrong + behind_cost(evidence.matte) - unexplained_price(evidence.matte)
+    gain = wrong + behind_cost(evidence.matte) - evidence.unexplained
     padded = np.pad(gain, ((0, 0), (reach, reach), (reach, reach)), constant_values=BEHIND)
     return np.ascontiguousarray(padded, np.float32)
 
@@ -112,7 +114,7 @@ def unexplained_cost(
             (width, height),
         ).rgba.numpy()
     rows: Float[np.ndarray, "B H"] = composite_costs(
-        picture, evidence.lab, behind_cost(evidence.matte), unexplained_price(evidence.matte), LAB_UNIT, WRONG, PER_STEP
+        picture, evidence.lab, behind_cost(evidence.matte), evidence.unexplained, LAB_UNIT, WRONG, PER_STEP
     )
     costs: Float[np.ndarray, "B"] = rows.sum(1)
     return costs

@@ -18,7 +18,7 @@ from wildpuppet.pose.choose import least_movement
 from wildpuppet.pose.look import Searcher
 from wildpuppet.pose.place import between, pose_vertices
 from wildpuppet.pose.pull import Pull
-from wildpuppet.pose.search import search_from, searcher_of
+from wildpuppet.pose.search import search_from, searcher_of, settings_for
 from wildpuppet.pose.similarity import placed, similarities
 from wildpuppet.settings import SearchSettings
 from wildpuppet.types import Crops, Followed, Hypotheses, Keyframe, Puppet
@@ -41,7 +41,7 @@ def follow(
 ) -> Followed:
     """Pose the keyframe and carry it over its drawing and to the drawings around, both ways."""
     torch.set_num_threads(1)
-    searcher = searcher_of(puppet, placement, settings)
+    searcher = searcher_of(puppet, placement, settings_for(crops, settings))
     key = int(np.searchsorted(crops.frames, keyframe.frame))
     found = {key: _pose_of(searcher, crops, placement, hypotheses, keyframe, key)}
     cost = {key: float(hypotheses.cost[key, 0])}

@@ -176,7 +176,7 @@ class Look:
 
 def look_at(searcher: Searcher, image: UInt8[np.ndarray, "H W 4"], step: int, pull: Pull | None = None) -> Look:
     """Prepare one crop at a size: each part's cost everywhere, and the tree's."""
-    evidence = ev.evidence_of(image, searcher.search_from_crop)
+    evidence = ev.evidence_of(image, searcher.search_from_crop, searcher.settings.cover)
     templates, texture = searcher.at_size(step)
     assert searcher.palette is not None
     part_weight = np.sqrt(templates.area / templates.area.mean())

@@ -181,7 +181,7 @@ def _gains(
     alpha = behind[..., 3]
     colour = behind[..., :3] * (ev.LAB_UNIT / np.maximum(alpha, 1e-3))[..., None]
     claimed = ev.disagreement(((lab - colour) ** 2).sum(-1)) + price
-    now = alpha * claimed + (1 - alpha) * ev.unexplained_price(matte)
+    now = alpha * claimed + (1 - alpha) * evidence.unexplained[seen.slices]
     height, width = window.bottom - window.top, window.right - window.left
     gain = np.full((len(picture.wrong), height + 2 * reach, width + 2 * reach), ev.BEHIND, np.float32)
     top, left = seen.top - window.top + reach, seen.left - window.left + reach

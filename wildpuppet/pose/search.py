@@ -46,6 +46,7 @@ def search(
     A frame that shows the drawing of the frame solved before it repeats its poses: its window moves with the drawing.
     A clip's frame starts from the poses of the frame before, an unordered drawing from those of a coarse search.
     """
+    settings = settings_for(crops, settings)
     searcher = searcher_of(puppet, placement, settings)
     coarse = None if crops.ordered else _coarse_searcher(puppet, placement, settings)
     expected = _expected_steps(searcher, crops, placement)
@@ -78,6 +79,11 @@ def search(
         np.stack([order for _, order, _ in found]),
         np.stack([cost for _, _, cost in found]),
     )
+
+
+def settings_for(crops: Crops, settings: SearchSettings) -> SearchSettings:
+    """Ask for no cover where the matte is guessed: in a clip."""
+    return structs.replace(settings, cover=0.0) if crops.ordered else settings
 
 
 COARSE_STARTS = 3

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine, silent
 from wildpuppet.pose.place import is_drawn_here, place, rest_box, size_of
-from wildpuppet.pose.search import search
+from wildpuppet.pose.search import search, settings_for
 from wildpuppet.settings import SearchSettings
 from wildpuppet.types import Crops, Puppet
 
@@ -60,6 +60,7 @@ def _best_step(
         angles=min(settings.angles, max(LEAST_ANGLES, round(COARSE * settings.angles))),
         num_best=1,
         coarse=0.0,
+        cover=settings_for(crops, settings).cover,
     )
     one_size = replace(crops, ordered=False)  # of drawings that share a canvas no other size is tried
     frame, quiet = np.array([crops.reference or 0]), replace(machine, progress=silent)
