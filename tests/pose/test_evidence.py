@@ -31,9 +31,12 @@ SIDE, LEFT, TOP = 11, 21, 15
 PAINT, GROUND = (200, 40, 40), (90, 100, 110)
 SQUARE = box_puppet([(LEFT, TOP, SIDE, SIDE)], colours=[PAINT])
 TWO = box_puppet([(LEFT, TOP, SIDE, SIDE), (LEFT, TOP, SIDE, SIDE)], colours=[PAINT, PAINT])
-COVER = 0.4
-LEFT_OUT = 1 + COVER
-"""Price of a pixel that is surely the character's and that no part explains."""
+
+
+@pytest.fixture(params=[0.0, 0.4], ids=["clip", "drawing"])
+def cover(request: pytest.FixtureRequest) -> float:
+    """What a pixel that is surely the character's costs beside 1 when no part explains it."""
+    return float(request.param)
 
 
 def frame(matte_ground: int = 0, matte_square: int = 255) -> np.ndarray:
@@ -43,12 +46,12 @@ def frame(matte_ground: int = 0, matte_square: int = 255) -> np.ndarray:
     return picture
 
 
-def cost_of(picture: np.ndarray, puppet: Puppet = SQUARE, shifts=((0, 0),)) -> np.ndarray:
+def cost_of(picture: np.ndarray, puppet: Puppet = SQUARE, shifts=((0, 0),), cover: float = 0.0) -> np.ndarray:
     """Cost with the whole puppet shifted by each of ``shifts``."""
     vertices = np.stack([puppet.vertices + np.array(shift, float) for shift in shifts])
     order = np.tile(np.arange(puppet.num_layers), (len(shifts), 1))
     texture = lab_texture(texture_at(puppet, 1.0))
-    return unexplained_cost(evidence_of(picture, 1.0, COVER), vertices, order, mesh_of(puppet), texture)
+    return unexplained_cost(evidence_of(picture, 1.0, cover), vertices, order, mesh_of(puppet), texture)
 
 
 def wrong(first: tuple[int, int, int], second: tuple[int, int, int]) -> float:
@@ -57,55 +60,54 @@ def wrong(first: tuple[int, int, int], second: tuple[int, int, int]) -> float:
     return float(1 - np.exp(-(np.hypot(np.linalg.norm(a - b), SMOOTH) - SMOOTH) / SIGMA))
 
 
-def test_flat_square_by_hand():
+def test_flat_square_by_hand(cover):
     steps = (0, 1, 4, SIDE + 2)
-    costs = cost_of(frame(), shifts=[(step, 0) for step in steps])
-    strip = LEFT_OUT + wrong(PAINT, GROUND) + BEHIND  # uncovered behind, wrongly covered in front, per pixel
+    costs = cost_of(frame(), shifts=[(step, 0) for step in steps], cover=cover)
+    strip = 1 + cover + wrong(PAINT, GROUND) + BEHIND  # uncovered behind, wrongly covered in front, per pixel
     expected = [SIDE * min(step, SIDE) * strip for step in steps]
     # the texture's edge and 8-bit alpha leave a little even in place
     np.testing.assert_allclose(costs, expected, atol=0.02 * SIDE**2)
 
 
-def test_wrong_colour_costs_less_than_leaving_what_is_surely_there():
+def test_wrong_colour_costs_as_much_as_leaving_it_or_less_by_the_cover(cover):
     other = box_puppet([(LEFT, TOP, SIDE, SIDE)], colours=[(20, 60, 250)])
-    far = cost_of(frame(), other, [(0, 0), (0, SIDE + 5)])
+    far = cost_of(frame(), other, [(0, 0), (0, SIDE + 5)], cover)
     assert far[0] == pytest.approx(SIDE**2 * wrong(PAINT, (20, 60, 250)), rel=0.02)
     assert wrong(PAINT, (20, 60, 250)) == pytest.approx(1.0, abs=0.05)
-    assert far[1] - far[0] == pytest.approx(
-        SIDE**2 * (LEFT_OUT + BEHIND + wrong(GROUND, (20, 60, 250)) - 1.0), rel=0.05
-    )
+    elsewhere = BEHIND + wrong(GROUND, (20, 60, 250))
+    assert far[1] == pytest.approx(SIDE**2 * (1 + cover + elsewhere), rel=0.02)
 
 
-def test_two_parts_gain_nothing_on_one_place():
+def test_two_parts_gain_nothing_on_one_place(cover):
     picture = frame()
     picture[TOP : TOP + SIDE, LEFT + SIDE + 4 : LEFT + 2 * SIDE + 4] = (*PAINT, 255)  # a second square
     both = TWO.vertices + np.where(TWO.layer_of_vertex[:, None] == 1, [[SIDE + 4.0, 0.0]], 0.0)
     texture, order = lab_texture(texture_at(TWO, 1.0)), np.array([[0, 1]])
-    apart = unexplained_cost(evidence_of(picture, 1.0, COVER), both[None], order, mesh_of(TWO), texture)
+    apart = unexplained_cost(evidence_of(picture, 1.0, cover), both[None], order, mesh_of(TWO), texture)
     assert apart[0] == pytest.approx(0, abs=0.04 * SIDE**2)
-    assert cost_of(picture, TWO)[0] == pytest.approx(SIDE**2 * LEFT_OUT, rel=0.05)
+    assert cost_of(picture, TWO, cover=cover)[0] == pytest.approx(SIDE**2 * (1 + cover), rel=0.05)
 
 
-def test_where_the_matte_does_not_know_agreeing_colours_are_worth_claiming():
-    here, away = cost_of(frame(128, 128), shifts=[(0, 0), (0, SIDE + 5)])
+def test_where_the_matte_does_not_know_agreeing_colours_are_worth_claiming(cover):
+    here, away = cost_of(frame(128, 128), shifts=[(0, 0), (0, SIDE + 5)], cover=cover)
     matte = 128 / 255
-    left = matte + COVER * (2 * matte - 1)
+    left = matte + cover * (2 * matte - 1)
     assert here == pytest.approx((48 * 64 - SIDE**2) * left, rel=0.01)
     assert away == pytest.approx(48 * 64 * left + SIDE**2 * (wrong(PAINT, GROUND) - left), rel=0.01)
 
 
-def test_template_cost_in_place_is_minus_what_it_explains():
+def test_template_cost_in_place_is_minus_what_it_explains(cover):
     images = part_images(SQUARE)
     palette = palette_of(images, 1.0, 4)
     templates = make_templates(images, 1.0, 8, palette)
-    evidence = evidence_of(frame(), 1.0, COVER)
+    evidence = evidence_of(frame(), 1.0, cover)
     maps = disagreement_maps(evidence, colours_wrong(evidence, palette), templates.reach)
     costs = template_costs(
         maps, templates.pixels, templates.weights, templates.start[0], templates.count[0], templates.reach, 48, 64
     )
     angle, y, x = np.unravel_index(costs.argmin(), costs.shape)
     assert (angle % 2, y, x) == (0, TOP + SIDE // 2, LEFT + SIDE // 2)  # a square: any quarter turn
-    assert costs.min() == pytest.approx(-LEFT_OUT * SIDE**2, rel=0.02)
+    assert costs.min() == pytest.approx(-(1 + cover) * SIDE**2, rel=0.02)
     assert costs[0, 5, 5] == pytest.approx((wrong(PAINT, GROUND) + BEHIND) * SIDE**2, rel=0.1)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int
 
 from wildpuppet.paint.layers import Drawn
+from wildpuppet.puppet.atlas import layer_picture
 from wildpuppet.types import Puppet
 
 FOREIGN = 0.16
@@ -38,9 +39,7 @@ class Palettes:
 
 
 def _texels(puppet: Puppet, layer: int) -> Int[np.ndarray, "n 3"]:
-    uv = puppet.uv[puppet.layer_of_vertex == layer]
-    (left, top), (right, bottom) = np.floor(uv.min(0)).astype(int), np.ceil(uv.max(0)).astype(int)
-    window = puppet.atlas[max(top, 0) : bottom, max(left, 0) : right]
+    window, _ = layer_picture(puppet, layer)
     return window[window[..., 3] >= 128][:, :3].astype(np.int64)
 
 

@@ -7,6 +7,7 @@ each other they are near enough to be exchanged, but they would both have to tur
 """
 
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -46,11 +47,13 @@ def choose(puppet: Puppet, crops: Crops, hypotheses: Hypotheses, settings: Searc
 def _pick_over_time(
     puppet: Puppet, crops: Crops, hypotheses: Hypotheses, settings: SearchSettings
 ) -> Int[np.ndarray, "T"]:
-    def vertices_at(frame: int) -> Float[np.ndarray, "N V 2"]:  # of all frames at once they would fill the memory
+    @lru_cache(maxsize=3)  # of all frames at once they would fill the memory
+    def vertices_at(frame: int) -> Float[np.ndarray, "N V 2"]:
         return pose_vertices(puppet, hypotheses.crop_from_canvas[frame])
 
     size = float(np.median([np.ptp(vertices_at(frame)[0], axis=0).max() for frame in range(len(crops.frames))]))
     picked = np.zeros(len(crops.frames), np.int64)
+    sample = _sample_of(puppet)
     for shot in np.unique(crops.shot):
         index = np.flatnonzero(crops.shot == shot)
         starts = index[np.r_[True, np.diff(crops.drawing[index]) != 0]]
@@ -59,7 +62,7 @@ def _pick_over_time(
             unit * least_movement(puppet, crops, (a, b), vertices_at(a), vertices_at(b)) for a, b in pairwise(frames)
         ]
         changes = (
-            INERTIA * unit * _change(puppet, crops, three, [vertices_at(frame) for frame in three])
+            INERTIA * unit * _change(puppet, crops, sample, three, [vertices_at(frame) for frame in three])
             for three in zip(frames, frames[1:], frames[2:], strict=False)
         )
         path = steadiest_path(hypotheses.cost[starts], steps, changes)
@@ -104,10 +107,13 @@ SAMPLE = 12
 
 
 def _change(
-    puppet: Puppet, crops: Crops, frames: tuple[int, int, int], vertices: Sequence[Float[np.ndarray, "N V 2"]]
+    puppet: Puppet,
+    crops: Crops,
+    sample: Int[np.ndarray, "n"],
+    frames: tuple[int, int, int],
+    vertices: Sequence[Float[np.ndarray, "N V 2"]],
 ) -> Float[np.ndarray, "N N N"]:
-    """Change of the vertices' movement through three frames, in the video or in the crop, whichever is less."""
-    sample = np.concatenate([_some_of(np.flatnonzero(puppet.layer_of_vertex == k)) for k in range(puppet.num_layers)])
+    """Change of the sampled vertices' movement through three frames, in the video or in the crop, whichever is less."""
     layers = puppet.layer_of_vertex[sample]
     weights = 1 / np.bincount(layers, minlength=puppet.num_layers)[layers]
     first, second, third = (at[:, sample] for at in vertices)
@@ -126,8 +132,13 @@ def _change(
     return min(ways, key=lambda way: float(way.min()))
 
 
-def _some_of(vertices: Int[np.ndarray, "n"]) -> Int[np.ndarray, "m"]:
-    return vertices[np.unique(np.linspace(0, len(vertices) - 1, min(SAMPLE, len(vertices))).round().astype(np.int64))]
+def _sample_of(puppet: Puppet) -> Int[np.ndarray, "n"]:
+    """Choose up to ``SAMPLE`` vertices of each part, evenly."""
+    chosen = []
+    for layer in range(puppet.num_layers):
+        mine = np.flatnonzero(puppet.layer_of_vertex == layer)
+        chosen.append(mine[np.unique(np.linspace(0, len(mine) - 1, min(SAMPLE, len(mine))).round().astype(np.int64))])
+    return np.concatenate(chosen)
 
 
 def steadiest_path(

@@ -14,6 +14,7 @@ counts, and is bounded by 1, so that a face that changes does not drag the body 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -44,7 +45,7 @@ class Evidence:
     matte: Float[np.ndarray, "H W"]
     cover: float = 0.0
 
-    @property
+    @cached_property
     def unexplained(self) -> Float[np.ndarray, "H W"]:
         """Price of leaving each pixel unexplained."""
         price: Float[np.ndarray, "H W"] = self.matte + self.cover * np.maximum(2 * self.matte - 1, 0)

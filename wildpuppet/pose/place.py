@@ -5,6 +5,7 @@ from jaxtyping import Float, Int
 
 from wildpuppet.errors import PuppetError
 from wildpuppet.geometry import affine
+from wildpuppet.puppet.atlas import layer_picture
 from wildpuppet.puppet.bends import skin
 from wildpuppet.types import Crops, Puppet
 
@@ -16,12 +17,9 @@ def rest_box(puppet: Puppet) -> Float[np.ndarray, "4"]:
     """Box (x, y, w, h) of the drawn (opaque) area at rest, canvas pixels."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for layer in range(puppet.num_layers):
-        mine = puppet.layer_of_vertex == layer
-        uv, rest = puppet.uv[mine], puppet.vertices[mine]
-        first, last = np.floor(uv.min(0)).astype(int).clip(0), np.ceil(uv.max(0)).astype(int)
-        rows, columns = np.nonzero(puppet.atlas[first[1] : last[1], first[0] : last[0], 3] > 127)
+        picture, corner = layer_picture(puppet, layer)
+        rows, columns = np.nonzero(picture[..., 3] > 127)
         if len(rows):
-            corner = first + rest[0] - uv[0]
             low = np.minimum(low, corner + np.array([columns.min(), rows.min()]))
             high = np.maximum(high, corner + np.array([columns.max(), rows.max()]) + 1)
     if not np.isfinite(low).all():

@@ -55,12 +55,11 @@ def _best_step(
 ) -> int:
     """Find the cheapest of the given steps, then go on from it downhill."""
     coarse = msgspec.structs.replace(
-        settings,
+        settings_for(crops, settings),
         box_pixels=min(settings.box_pixels, max(LEAST_PIXELS, round(COARSE * settings.box_pixels))),
         angles=min(settings.angles, max(LEAST_ANGLES, round(COARSE * settings.angles))),
         num_best=1,
         coarse=0.0,
-        cover=settings_for(crops, settings).cover,
     )
     one_size = replace(crops, ordered=False)  # of drawings that share a canvas no other size is tried
     frame, quiet = np.array([crops.reference or 0]), replace(machine, progress=silent)

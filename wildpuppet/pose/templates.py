@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int
 
+from wildpuppet.puppet.atlas import layer_picture
 from wildpuppet.puppet.colour import lab
 from wildpuppet.types import Puppet
 
@@ -48,13 +49,9 @@ def part_images(puppet: Puppet) -> tuple[PartImage, ...]:
     """Cut each layer's picture out of the atlas; the pivot is its centre of opaque mass."""
     images = []
     for layer in range(puppet.num_layers):
-        mine = puppet.layer_of_vertex == layer
-        uv, rest = puppet.uv[mine], puppet.vertices[mine]
-        low = np.floor(uv.min(0)).astype(int).clip(0)
-        high = np.ceil(uv.max(0)).astype(int)
-        patch = puppet.atlas[low[1] : high[1], low[0] : high[0]].astype(np.float32) / 255
+        drawn, corner = layer_picture(puppet, layer)
+        patch = drawn.astype(np.float32) / 255
         patch[..., :3] *= patch[..., 3:]
-        corner = low + (rest[0] - uv[0])
         mass = patch[..., 3] + 1e-6
         rows, columns = np.indices(mass.shape) + 0.5
         pivot = corner + np.array([(columns * mass).sum(), (rows * mass).sum()]) / mass.sum()

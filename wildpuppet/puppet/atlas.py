@@ -11,10 +11,21 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
+from wildpuppet.types import Puppet
+
 PADDING = 8
 """Least number of texels between a mesh and its window's border, so between two meshes twice as many."""
 SURE_ALPHA = 64
 """Colour of a texel with less alpha than this is taken from the nearest one with more."""
+
+
+def layer_picture(puppet: Puppet, layer: int) -> tuple[UInt8[np.ndarray, "h w 4"], Float[np.ndarray, "2"]]:
+    """Cut a built puppet's layer out of its atlas; gives the picture and its corner on the canvas."""
+    mine = puppet.layer_of_vertex == layer
+    uv = puppet.uv[mine]
+    low, high = np.floor(uv.min(0)).astype(int).clip(0), np.ceil(uv.max(0)).astype(int)
+    corner: Float[np.ndarray, "2"] = low + (puppet.vertices[mine][0] - uv[0])
+    return puppet.atlas[low[1] : high[1], low[0] : high[0]], corner
 
 
 def shelf_pack(sizes: Int[np.ndarray, "L 2"]) -> tuple[tuple[int, int], Int[np.ndarray, "L 2"]]:

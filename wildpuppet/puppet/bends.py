@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from wildpuppet.puppet.atlas import layer_picture
 from wildpuppet.puppet.colour import lab
 from wildpuppet.types import Puppet
 
@@ -67,12 +68,9 @@ def _alike(a: Extent, b: Extent) -> bool:
 
 def extent_of(puppet: Puppet, layer: int) -> Extent:
     """Measure a part's drawn pixels along their principal axis."""
-    mine = puppet.layer_of_vertex == layer
-    uv = puppet.uv[mine]
-    low, high = np.floor(uv.min(0)).astype(int).clip(0), np.ceil(uv.max(0)).astype(int)
-    patch = puppet.atlas[low[1] : high[1], low[0] : high[0]]
+    patch, corner = layer_picture(puppet, layer)
     rows, columns = np.nonzero(patch[..., 3] >= min(128, int(patch[..., 3].max())))
-    points = np.stack([columns, rows], -1) + 0.5 + low + (puppet.vertices[mine][0] - uv[0])
+    points = np.stack([columns, rows], -1) + 0.5 + corner
     centre = points.mean(0)
     _, axes = np.linalg.eigh((points - centre).T @ (points - centre))
     across, along = (points - centre) @ axes.T[0], (points - centre) @ axes.T[1]
