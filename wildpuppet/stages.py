@@ -284,7 +284,7 @@ def counted(items: Iterable[T], total: int, progress: Progress) -> Iterator[T]:
 
 
 PROBE = Stage("probe", 1, ("probe",), _probe, disk.save_clip, disk.load_clip)
-TRACK = Stage("track", 3, ("track",), _track, disk.save_track, disk.load_track)
+TRACK = Stage("track", 4, ("track",), _track, disk.save_track, disk.load_track)
 CROP = Stage("crop", 2, ("crop",), _crop, disk.save_crops, disk.load_crops)
 DRAWINGS = Stage("drawings", 1, ("crop",), _drawings, disk.save_crops, disk.load_crops)
 AUTOMATIC = Stage("automatic", 1, ("auto",), _automatic, disk.save_cutout, disk.load_cutout)

@@ -19,6 +19,8 @@ UNSURE = 0.4
 STRIP, CROWDED = 0.25, 0.25
 # Unless the log-odds of the changed colours are, in the mean, at least this.
 CROWD_COLOUR = 0.6
+# They are surely the character's own from here: a box may then grow without bound, so what is alike is not enough.
+OWN_COLOUR = 1.5
 # A box is filled by the character when this share more of it is foreground than of what is around it.
 FILLED = 0.2
 
@@ -76,9 +78,9 @@ class Evidence:
         return np.array([self.is_own(self.known_in(strip)) for strip in strips])
 
     def is_own(self, strip: Bool[np.ndarray, "a b"]) -> bool:
-        """Say whether what has changed in a strip has the character's colours."""
+        """Say whether what has changed in a strip surely has the character's colours."""
         changed = strip & (self.odds > 0)
-        return bool(changed.any() and self.colour[changed].mean() >= CROWD_COLOUR)
+        return bool(changed.any() and self.colour[changed].mean() >= OWN_COLOUR)
 
     def is_crowd(self, strip: Bool[np.ndarray, "a b"]) -> bool:
         """Say whether much of a strip has changed, and not to the character's colours."""
