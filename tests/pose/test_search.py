@@ -17,8 +17,9 @@ from tests.scene_values import crops_of, true_vertices
 from tests.scenes import Kind, Scene, make_scene
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
+from wildpuppet.pose.look import SIZE_STEP
 from wildpuppet.pose.place import pose_vertices, size_of
-from wildpuppet.pose.search import search, size_after
+from wildpuppet.pose.search import SIZE_PRIOR, expected_sizes, search, searcher_of, size_after
 from wildpuppet.pose.twins import MOST_TRADES
 from wildpuppet.puppet.build import build
 from wildpuppet.settings import PuppetSettings, SearchSettings
@@ -136,3 +137,40 @@ def test_a_coarse_search_that_would_see_too_little_is_left_out():
         )
     ]
     np.testing.assert_array_equal(found[0].crop_from_canvas, found[1].crop_from_canvas)
+
+
+def shrinking_windows(scene: Scene, ratio: float) -> tuple[Crops, np.ndarray]:
+    """The scene's crops with windows that grow to ``ratio`` times their size, boxes in the video growing as well."""
+    crops = crops_of(scene)
+    scale = ratio ** np.linspace(0.0, 1.0, len(crops.frames))
+    maps = crops.video_from_crop.copy()
+    maps[:, :, :2] *= scale[:, None, None]
+    return dataclasses.replace(crops, video_from_crop=maps), scale
+
+
+def test_a_size_kept_in_the_video_is_expected():
+    """Closed form: a window 1.25 times as large shows the character 1.25 times smaller."""
+    scene, puppet, _ = drawn("walk")
+    crops, scale = shrinking_windows(scene, 1.25)
+    placement = affine.scale_and_shift(1.0, (0.0, 0.0))
+    searcher = searcher_of(puppet, placement, COARSE)
+    expected = expected_sizes(searcher, crops, placement)
+    first = searcher.exact_step(1.0)
+    np.testing.assert_allclose(expected.kept, first - np.log(scale) / np.log(SIZE_STEP))
+    diagonal = np.hypot(crops.box_crop[:, 2], crops.box_crop[:, 3])
+    np.testing.assert_allclose(expected.boxed, first + np.log(diagonal / diagonal[0]) / np.log(SIZE_STEP))
+    for at in (expected.kept, expected.boxed):
+        assert expected.price(3, at[3:4])[0] == pytest.approx(0.0)
+    midway = (expected.kept[-1] + expected.boxed[-1]) / 2
+    off = abs(expected.kept[-1] - midway)
+    assert expected.price(len(scale) - 1, np.array([midway]))[0] == pytest.approx(SIZE_PRIOR * off**2)
+
+
+def test_another_shot_is_expected_as_large_as_its_box():
+    _, puppet, crops = drawn("cut")
+    searcher = searcher_of(puppet, affine.scale_and_shift(1.0, (0.0, 0.0)), COARSE)
+    expected = expected_sizes(searcher, crops, affine.scale_and_shift(1.0, (0.0, 0.0)))
+    first = int(np.flatnonzero(crops.shot == crops.shot[-1])[0])
+    assert first > 0
+    assert abs(expected.boxed[first] - expected.boxed[first - 1]) > 1
+    np.testing.assert_allclose(expected.kept[first:], expected.boxed[first])

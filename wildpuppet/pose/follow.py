@@ -43,7 +43,7 @@ def follow(
     torch.set_num_threads(1)
     searcher = searcher_of(puppet, placement, settings_for(crops, settings))
     key = int(np.searchsorted(crops.frames, keyframe.frame))
-    found = {key: _pose_of(searcher, crops, placement, hypotheses, keyframe, key)}
+    found = {key: _pose_of(searcher, crops, hypotheses, keyframe, key)}
     cost = {key: float(hypotheses.cost[key, 0])}
     walks = [list(_walk(crops, key, direction)) for direction in (1, -1)]
     for walk in walks:
@@ -56,7 +56,7 @@ def follow(
                     cost[before],
                 )
             else:
-                found[frame], cost[frame] = _next_pose(searcher, crops, placement, found[before], before, frame)
+                found[frame], cost[frame] = _next_pose(searcher, crops, found[before], before, frame)
             before = frame
             machine.progress(len(found) - 1, sum(map(len, walks)))
     frames = np.array(sorted(found))
@@ -72,7 +72,6 @@ def follow(
 def _pose_of(
     searcher: Searcher,
     crops: Crops,
-    placement: Float[np.ndarray, "2 3"],
     hypotheses: Hypotheses,
     keyframe: Keyframe,
     key: int,
@@ -85,7 +84,7 @@ def _pose_of(
         points = (pieces.whole.vertices[keyframe.corners] * keyframe.weights[..., None]).sum(1)
         given = affine.apply(crop_from_video, keyframe.points_video)
         starts = [(placed(one, touched, points, given), its) for one, its in zip(maps, order, strict=True)]
-        maps, order, _ = search_from(searcher, crops, placement, key, starts, Pull(touched, points, given))
+        maps, order, _ = search_from(searcher, crops, key, starts, Pull(touched, points, given))
         return placed(maps[0], touched, points, given), order[0] if keyframe.order is None else keyframe.order
     vertices = affine.apply(crop_from_video, keyframe.vertices_video)
     return similarities(pieces.puppet, vertices[pieces.vertex]), order[0] if keyframe.order is None else keyframe.order
@@ -102,13 +101,11 @@ def _walk(crops: Crops, key: int, direction: int) -> Iterator[int]:
         frame += direction
 
 
-def _next_pose(
-    searcher: Searcher, crops: Crops, placement: Float[np.ndarray, "2 3"], last: Pose, before: int, frame: int
-) -> tuple[Pose, float]:
+def _next_pose(searcher: Searcher, crops: Crops, last: Pose, before: int, frame: int) -> tuple[Pose, float]:
     """Search from the last pose, standing still in the video or in the crop; give what costs and moves least."""
     puppet = searcher.pieces.whole
     starts = [(affine.compose(between(crops, before, frame)[None], last[0]), last[1]), last]
-    maps, order, cost = search_from(searcher, crops, placement, frame, starts)
+    maps, order, cost = search_from(searcher, crops, frame, starts)
     now = pose_vertices(puppet, maps)
     was = np.repeat(pose_vertices(puppet, last[0][None]), len(now), 0)
     size = float(np.ptp(was[0], axis=0).max())

@@ -70,9 +70,13 @@ class Searcher:
         """The puppet with a layer per piece."""
         return self.pieces.puppet
 
+    def exact_step(self, crop_scale: float) -> float:
+        """Give a size (crop pixels per canvas pixel) in steps of the templates' sizes."""
+        return math.log(crop_scale * self.search_from_crop) / math.log(SIZE_STEP)
+
     def size_step(self, crop_scale: float) -> int:
         """Round a size (crop pixels per canvas pixel) to its step."""
-        return round(math.log(crop_scale * self.search_from_crop) / math.log(SIZE_STEP))
+        return round(self.exact_step(crop_scale))
 
     def at_size(self, step: int) -> tuple[Templates, Texture]:
         """Fetch or make the templates and the texture of a size."""

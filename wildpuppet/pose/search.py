@@ -1,9 +1,11 @@
 """The global search: where every part is, before any gradient, frame by frame.
 
 For each distinct drawing: template costs of every part at every angle and place, tree-structured dynamic programming,
-then whole poses judged by the composite (METHOD section 4, item 1). The puppet's size follows from the drawing
-before: neighbouring sizes are tried on the best pose, and the templates of the nearest size are used next.
+then whole poses judged by the composite (METHOD section 4, item 1). The puppet keeps the size in the video that it had
+in the drawing before: neighbouring sizes are tried on the best pose, and the better one is kept from there on.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -21,13 +23,29 @@ from wildpuppet.settings import SearchSettings
 from wildpuppet.types import Crops, Hypotheses, Puppet
 
 SIZE_PRIOR = 0.003
-"""Cost, in shares of the puppet's pixels, of a size one step away from the one its box suggests (squared)."""
-
+"""Cost, in shares of the puppet's pixels, of a size one step away from what is expected (squared)."""
 
 Start = tuple[Float[np.ndarray, "P 2 3"], Int[np.ndarray, "L"]]
 """A pose to start from: crop from canvas of each piece, and the order of the layers."""
 SIZE_TRIES = 4
 """How often the first frame is searched again at the size that explained it better."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """The size that each crop is expected to show, in steps of the templates' sizes.
+
+    ``kept`` if the character keeps its size in the video, within a shot; ``boxed`` if it scales with its box (by the
+    diagonal). A box also grows with a raised arm and with whatever is taken for the character, and a character that
+    keeps its size is seen larger where the window around it shrinks.
+    """
+
+    kept: Float[np.ndarray, "T"]
+    boxed: Float[np.ndarray, "T"]
+
+    def price(self, frame: int, step: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+        """Price sizes that neither explains, in shares of the puppet's pixels."""
+        return SIZE_PRIOR * np.asarray(np.minimum((step - self.kept[frame]) ** 2, (step - self.boxed[frame]) ** 2))
 
 
 def search(
@@ -49,8 +67,8 @@ def search(
     settings = settings_for(crops, settings)
     searcher = searcher_of(puppet, placement, settings)
     coarse = None if crops.ordered else _coarse_searcher(puppet, placement, settings)
-    expected = _expected_steps(searcher, crops, placement)
-    step = searcher.size_step(size)
+    expected = expected_sizes(searcher, crops, placement)
+    grown = round(searcher.size_step(size) - expected.kept[frames[0]])
     found: list[tuple[Float[np.ndarray, "N P 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]] = []
     for done, frame in enumerate(frames):
         before = frames[done - 1] if done else None
@@ -58,19 +76,23 @@ def search(
             found.append(found[-1])
         else:
             starts: list[Start] = []
-            if before is not None and crops.ordered and crops.shot[frame] == crops.shot[before]:
+            is_next = before is not None and crops.shot[frame] == crops.shot[before]
+            if before is not None and is_next and crops.ordered:
                 starts = [
                     (affine.compose(between(crops, int(before), int(frame))[None], m), o)
                     for m, o in zip(found[-1][0][:2], found[-1][1][:2], strict=True)
                 ]
+            grown = grown if is_next or before is None else 0
             image = crops.images[int(frame) : int(frame) + 1][0]
-            for _ in range(SIZE_TRIES if before is None and crops.ordered else 1):
-                last = step
+            for _ in range(SIZE_TRIES if not is_next and crops.ordered else 1):
+                step = round(expected.kept[frame] + grown)
                 first = _coarse_starts(coarse, image, SIZE_STEP**step / searcher.search_from_crop) if coarse else []
-                maps, order, cost, step = _search_one(
-                    searcher, image, step, int(expected[frame]), starts + first, fixed_size=not crops.ordered
-                )
-                if step == last:
+                look = look_at(searcher, image, step)
+                best = _best_of(look, starts + first)
+                maps, order, cost = _hypotheses(look, best)
+                better = _better_size(look, best[0][1], step, expected, int(frame)) if crops.ordered else step
+                grown += better - step
+                if better == step:
                     break
             found.append((maps, order, cost))
         machine.progress(done + 1, len(frames))
@@ -106,7 +128,8 @@ LEAST_COARSE = 24
 def _coarse_starts(coarse: Searcher, image: UInt8[np.ndarray, "H W 4"], size: float) -> list[Start]:
     """Search one frame coarsely; ``size`` in crop pixels per canvas pixel."""
     step = coarse.size_step(size)
-    maps, order, cost, _ = _search_one(coarse, image, step, step, [], fixed_size=True)
+    look = look_at(coarse, image, step)
+    maps, order, cost = _hypotheses(look, _best_of(look, []))
     rows = [row for row in range(len(cost)) if np.isfinite(cost[row])][:COARSE_STARTS]
     return [(maps[row], order[row]) for row in rows]
 
@@ -118,18 +141,12 @@ def searcher_of(puppet: Puppet, placement: Float[np.ndarray, "2 3"], settings: S
 
 
 def search_from(
-    searcher: Searcher,
-    crops: Crops,
-    placement: Float[np.ndarray, "2 3"],
-    frame: int,
-    starts: list[Start],
-    pull: Pull | None = None,
+    searcher: Searcher, crops: Crops, frame: int, starts: list[Start], pull: Pull | None = None
 ) -> tuple[Float[np.ndarray, "N P 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]:
     """Search one frame again with poses (crop from canvas, order) to start from, at the size of the first."""
     size = float(np.mean([size_of(one) for one in starts[0][0]]))
-    expected = int(_expected_steps(searcher, crops, placement)[frame])
-    image = crops.images[frame : frame + 1][0]
-    return _search_one(searcher, image, searcher.size_step(size), expected, starts, True, pull)[:3]
+    look = look_at(searcher, crops.images[frame : frame + 1][0], searcher.size_step(size), pull)
+    return _hypotheses(look, _best_of(look, starts))
 
 
 def size_after(hypotheses: Hypotheses) -> float:
@@ -137,34 +154,34 @@ def size_after(hypotheses: Hypotheses) -> float:
     return float(np.sqrt(np.abs(np.linalg.det(hypotheses.crop_from_canvas[-1, 0, :, :, :2]))).mean())
 
 
-def _expected_steps(searcher: Searcher, crops: Crops, placement: Float[np.ndarray, "2 3"]) -> Int[np.ndarray, "T"]:
-    """Size of each frame if the character scales with its box (its diagonal, against the reference frame's)."""
-    diagonal = np.hypot(crops.box_crop[:, 2], crops.box_crop[:, 3])
-    ratio = diagonal / diagonal[crops.reference or 0] if crops.ordered else np.ones(len(diagonal))
-    return np.array([searcher.size_step(size_of(placement) * float(r)) for r in ratio])
+def expected_sizes(searcher: Searcher, crops: Crops, placement: Float[np.ndarray, "2 3"]) -> Expected:
+    """Say what size is expected where; ``placement`` (crop from canvas) stands for the reference crop.
+
+    Unordered drawings share one size. The first frame of another shot is expected as large as its box says.
+    """
+    at = searcher.exact_step(size_of(placement))
+    kept = np.full(len(crops.frames), at)
+    if not crops.ordered:
+        return Expected(kept, kept)
+    reference = crops.reference or 0
+    diagonal = np.log(np.hypot(crops.box_crop[:, 2], crops.box_crop[:, 3])) / np.log(SIZE_STEP)
+    window = np.log(crops.video_from_crop[:, 0, 0]) / np.log(SIZE_STEP)
+    boxed = at + diagonal - diagonal[reference]
+    for shot in np.unique(crops.shot):
+        index = np.flatnonzero(crops.shot == shot)
+        first = reference if crops.shot[reference] == shot else index[0]
+        kept[index] = boxed[first] + window[first] - window[index]
+    return Expected(kept, boxed)
 
 
-def _search_one(
-    searcher: Searcher,
-    image: UInt8[np.ndarray, "H W 4"],
-    step: int,
-    expected: int,
-    starts: list[Start],
-    fixed_size: bool,
-    pull: Pull | None = None,
-) -> tuple[Float[np.ndarray, "N P 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"], int]:
-    look = look_at(searcher, image, step, pull)
-    best = best_candidates(look, [look.nearest(maps, order) for maps, order in starts], searcher.settings.num_best)
-    if not fixed_size:
-        step = _better_size(look, best[0][1], step, expected)
-    return (*_hypotheses(look, best), step)
+def _best_of(look: Look, starts: list[Start]) -> list[tuple[float, Candidate]]:
+    return best_candidates(look, [look.nearest(maps, order) for maps, order in starts], look.searcher.settings.num_best)
 
 
-def _better_size(look: Look, candidate: Candidate, step: int, expected: int) -> int:
+def _better_size(look: Look, candidate: Candidate, step: int, expected: Expected, frame: int) -> int:
     """Try the best pose with its parts a step larger and smaller; return the size that explains the frame best.
 
     Each part grows where it is: the search has put it over its picture, its hinges open or shut as its size asks.
-    Sizes away from the ``expected`` one (the box's) pay for it.
     """
     puppet = look.searcher.puppet
     vertices = pose_vertices(puppet, look.maps(candidate.states))
@@ -172,7 +189,7 @@ def _better_size(look: Look, candidate: Candidate, step: int, expected: int) -> 
     ratios = SIZE_STEP ** np.array([-1.0, 0.0, 1.0])
     sized = pivots + ratios[:, None, None] * (vertices - pivots)
     cost = look.unexplained(sized, np.repeat(np.array([candidate.order]), len(ratios), 0))
-    cost = cost / look.templates.area.sum() + SIZE_PRIOR * (step + np.arange(-1, 2) - expected) ** 2
+    cost = cost / look.templates.area.sum() + expected.price(frame, step + np.arange(-1.0, 2.0))
     return step + int(np.argmin(cost)) - 1
 
 
