@@ -11,8 +11,8 @@ from wildpuppet.correspond.pck import Truth
 from wildpuppet.fit.handles import Handles, joint_rows
 from wildpuppet.fit.pull_codes import decode, decode_with_jacobian
 from wildpuppet.motion.drag import Known, drag
-from wildpuppet.motion.drag_score import drag_scores
 from wildpuppet.motion.pose_space import PoseSpace, pose_space_of
+from wildpuppet.tables.drags import drag_scores
 
 torch.set_num_threads(1)
 SIZE = (360, 280)

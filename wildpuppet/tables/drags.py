@@ -1,4 +1,4 @@
-"""Drag points of a drawing to where they are in another: how right is the whole pose then?
+"""Table 4: drag points of a drawing to where they are in another: how right is the whole pose then?
 
     scores = drag_scores(run.puppet, run.crops, run.fit, read_truth(Path("bench/gbot/gt.npz")))
     scores.mean("ours", 2), scores.mean("vertices", 2)      # two handles: mean error in pixels
@@ -15,26 +15,31 @@ Points that the start has wrong in its own drawing (a swapped limb) are neither 
 drag a point of one hand to where the other is.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 
 from wildpuppet.correspond.locate import Anchors, locate
 from wildpuppet.correspond.pck import Truth
 from wildpuppet.fit.handles import Handles, deform_energy
 from wildpuppet.fit.pull_codes import Decoder, decode, plain_steps
 from wildpuppet.fit.pull_vertices import pull_vertices
+from wildpuppet.geometry.affine import apply
 from wildpuppet.geometry.arap import arap_rest, best_scale_of
 from wildpuppet.machine import Progress, silent
 from wildpuppet.motion.drag import Known, drag
+from wildpuppet.motion.lines import drawn_on_white
 from wildpuppet.motion.pose_space import pose_space_of
 from wildpuppet.pose.place import pose_vertices
 from wildpuppet.pose.similarity import placed, similarities
+from wildpuppet.render.render import mesh_of, texture_at
 from wildpuppet.types import Crops, Fit, Puppet
 
+Picture = UInt8[np.ndarray, "H W 3"]
 Choice = Literal["farthest", "random"]
 Space = tuple[Decoder, Known]
 SpaceOf = Callable[[Float[np.ndarray, "K V 2"], int], Space]
@@ -47,6 +52,8 @@ WRONG = 0.05
 """A point of the start is wrong from this share of L on."""
 APART = 0.15
 """Handles are at least this share of the picture's larger side apart."""
+LEAST_KNOWN = 2
+"""Known poses without which there is nothing to learn from."""
 
 
 @dataclass(frozen=True)
@@ -75,22 +82,57 @@ def drag_scores(
     choice: Choice = "farthest",
     space_of: SpaceOf | None = None,
     seed: int = 0,
+    most: int | None = None,
     progress: Progress = silent,
 ) -> DragScores:
-    """Drag to every drawing of ``truth.test``; drawings only (one window for all frames)."""
+    """Drag to every drawing of ``truth.test`` or to so many, evenly spread; drawings only (one window for all frames).
+
+    No errors where fewer than ``LEAST_KNOWN`` training drawings are not doubted. Raises ValueError without ``test``.
+    """
     if truth.test is None:
         raise ValueError("expected a truth with drawings kept for testing")
     scene = _scene(puppet, crops, fit, truth, by_truth)
     spaces = space_of or hinge_space(puppet)
+    frames = spread_over(truth.test.tolist(), most or len(truth.test))
     errors: dict[tuple[str, int], list[float]] = {}
-    for done, frame in enumerate(truth.test.tolist(), 1):
+    for done, frame in enumerate(frames if len(scene.rows) >= LEAST_KNOWN else [], 1):
         for count in COUNTS:
             handles = _handles(scene, frame, count, choice, np.random.default_rng([seed, frame, count]))
             for method, pose in _answers(puppet, scene, frame, handles, spaces).items():
                 errors.setdefault((method, count), []).append(scene.error(pose, frame))
-        progress(done, len(truth.test))
-    frames = tuple(int(frame) for frame in truth.test)
-    return DragScores(frames, float(truth.length.max()), {name: tuple(found) for name, found in errors.items()})
+        progress(done, len(frames))
+    return DragScores(tuple(frames), float(truth.length.max()), {name: tuple(found) for name, found in errors.items()})
+
+
+def drag_rows(
+    puppet: Puppet, crops: Crops, fit: Fit, truth: Truth, picture: Callable[[int], Picture], rows: int
+) -> dict[str, list[Picture]]:
+    """Draw test drawings and what ``max(COUNTS)`` handles make of the drawing before, a column per method."""
+    assert truth.test is not None
+    scene, spaces = _scene(puppet, crops, fit, truth, by_truth=False), hinge_space(puppet)
+    mesh, texture, window = mesh_of(puppet), texture_at(puppet, 1.0), crops.video_from_crop[0].astype(np.float64)
+    columns: dict[str, list[Picture]] = {}
+    for frame in spread_over(truth.test.tolist(), rows):
+        drawing, order = picture(frame), fit.order[scene.rows[scene.start(frame)]]
+        handles = _handles(scene, frame, max(COUNTS), "farthest", np.random.default_rng(0))
+        columns.setdefault("drawing", []).append(drawing)
+        for method, pose in _answers(puppet, scene, frame, handles, spaces).items():
+            drawn = drawn_on_white(mesh, texture, apply(window, pose), order, (drawing.shape[1], drawing.shape[0]))
+            columns.setdefault(method, []).append(_with_handles(drawn, apply(window, handles.targets)))
+    return columns
+
+
+def spread_over(frames: Sequence[int], most: int) -> list[int]:
+    """Choose up to ``most`` of the frames, evenly spread."""
+    places = np.linspace(0, len(frames) - 1, min(len(frames), most)).round().astype(int)
+    return [frames[place] for place in np.unique(places).tolist()]
+
+
+def _with_handles(picture: Picture, places: Float[np.ndarray, "n 2"]) -> Picture:
+    marked = picture.copy()
+    for x, y in places.tolist():
+        cv2.circle(marked, (round(x - 0.5), round(y - 0.5)), 5, (220, 30, 30), -1, cv2.LINE_AA)
+    return marked
 
 
 def hinge_space(puppet: Puppet) -> SpaceOf:

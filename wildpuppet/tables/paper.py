@@ -27,9 +27,10 @@ pixels: of all vertices from the drawing's own fit / of true points, the neighbo
 from the drawing's lines (Chamfer). Lower is better; only drawings between two others of the same motion count.
 """
 DRAG = """\
-Table 4: 1 / 2 / 3 points of the reference drawing dragged to where they are in a test drawing, on our own runs. Mean
-distance in pixels of all points that are seen in both drawings from where they are; lower is better. start: nothing is
-dragged; vertices: the paper's energy lowered over the vertices.
+Table 4: 1 / 2 / 3 points of the training drawing before a test drawing dragged to where they are in that, on our own
+runs. Mean distance in pixels of all points that are seen from where they are; lower is better. start: nothing is
+dragged; printed: the paper's energy over the vertices; vertices: the same against the pose that is dragged, a better
+baseline; paper: plain steps in the code.
 """
 
 
