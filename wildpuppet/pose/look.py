@@ -33,7 +33,9 @@ from wildpuppet.settings import SearchSettings
 from wildpuppet.types import Puppet
 
 SIZE_STEP = 1.06
-"""Ratio between neighbouring sizes of the templates."""
+"""Ratio between neighbouring sizes that are tried."""
+FINE = 6
+"""Sizes of the templates between two steps."""
 TIGHT = 1 / 3
 """Slack of a bend, as a share of a hinge's: where it is, is known."""
 
@@ -55,7 +57,7 @@ class Searcher:
     twins: list[Pair] = field(init=False)
     shaded: list[Pair] = field(init=False)
     palette: Float[np.ndarray, "C 3"] | None = None
-    of_size: dict[int, tuple[Templates, Texture]] = field(default_factory=dict)
+    of_size: dict[float, tuple[Templates, Texture]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.images = part_images(self.puppet)
@@ -74,11 +76,11 @@ class Searcher:
         """Give a size (crop pixels per canvas pixel) in steps of the templates' sizes."""
         return math.log(crop_scale * self.search_from_crop) / math.log(SIZE_STEP)
 
-    def size_step(self, crop_scale: float) -> int:
-        """Round a size (crop pixels per canvas pixel) to its step."""
-        return round(self.exact_step(crop_scale))
+    def size_step(self, crop_scale: float) -> float:
+        """Round a size (crop pixels per canvas pixel) to one that templates have, in steps."""
+        return fine_step(self.exact_step(crop_scale))
 
-    def at_size(self, step: int) -> tuple[Templates, Texture]:
+    def at_size(self, step: float) -> tuple[Templates, Texture]:
         """Fetch or make the templates and the texture of a size."""
         if step not in self.of_size:
             scale = SIZE_STEP**step
@@ -178,7 +180,12 @@ class Look:
         return float(self.judge([candidate], worn)[0]) + PRICE * len(pairs)
 
 
-def look_at(searcher: Searcher, image: UInt8[np.ndarray, "H W 4"], step: int, pull: Pull | None = None) -> Look:
+def fine_step(step: float) -> float:
+    """Round to a size that templates have."""
+    return round(step * FINE) / FINE
+
+
+def look_at(searcher: Searcher, image: UInt8[np.ndarray, "H W 4"], step: float, pull: Pull | None = None) -> Look:
     """Prepare one crop at a size: each part's cost everywhere, and the tree's."""
     evidence = ev.evidence_of(image, searcher.search_from_crop, searcher.settings.cover)
     templates, texture = searcher.at_size(step)

@@ -13,7 +13,7 @@ from msgspec import structs
 
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
-from wildpuppet.pose.look import SIZE_STEP, Look, Searcher, look_at
+from wildpuppet.pose.look import SIZE_STEP, Look, Searcher, fine_step, look_at
 from wildpuppet.pose.moves import Candidate, best_candidates
 from wildpuppet.pose.pieces import pieces_of
 from wildpuppet.pose.place import between, pose_vertices, rest_box, size_of
@@ -27,8 +27,8 @@ SIZE_PRIOR = 0.003
 
 Start = tuple[Float[np.ndarray, "P 2 3"], Int[np.ndarray, "L"]]
 """A pose to start from: crop from canvas of each piece, and the order of the layers."""
-SIZE_TRIES = 4
-"""How often the first frame is searched again at the size that explained it better."""
+FIRST_TRIES, TRIES = 4, 2
+"""How often a shot's first frame, and any other, is searched at most: again at the size that explained it better."""
 
 
 @dataclass(frozen=True)
@@ -84,16 +84,17 @@ def search(
                 ]
             grown = grown if is_next or before is None else 0
             image = crops.images[int(frame) : int(frame) + 1][0]
-            for _ in range(SIZE_TRIES if not is_next and crops.ordered else 1):
-                step = round(expected.kept[frame] + grown)
+            for _ in range(TRIES if is_next else FIRST_TRIES):
+                step = fine_step(expected.kept[frame] + grown)
                 first = _coarse_starts(coarse, image, SIZE_STEP**step / searcher.search_from_crop) if coarse else []
                 look = look_at(searcher, image, step)
                 best = _best_of(look, starts + first)
                 maps, order, cost = _hypotheses(look, best)
-                better = _better_size(look, best[0][1], step, expected, int(frame)) if crops.ordered else step
-                grown += better - step
-                if better == step:
+                change = _better_size(look, best[0][1], step, expected, int(frame)) if crops.ordered else 0
+                grown += change
+                if change == 0:
                     break
+                starts = [(maps[0], order[0]), *starts]
             found.append((maps, order, cost))
         machine.progress(done + 1, len(frames))
     return Hypotheses(
@@ -178,8 +179,8 @@ def _best_of(look: Look, starts: list[Start]) -> list[tuple[float, Candidate]]:
     return best_candidates(look, [look.nearest(maps, order) for maps, order in starts], look.searcher.settings.num_best)
 
 
-def _better_size(look: Look, candidate: Candidate, step: int, expected: Expected, frame: int) -> int:
-    """Try the best pose with its parts a step larger and smaller; return the size that explains the frame best.
+def _better_size(look: Look, candidate: Candidate, step: float, expected: Expected, frame: int) -> int:
+    """Try the best pose with its parts a step larger and smaller; return the step that explains the frame best.
 
     Each part grows where it is: the search has put it over its picture, its hinges open or shut as its size asks.
     """
@@ -190,7 +191,7 @@ def _better_size(look: Look, candidate: Candidate, step: int, expected: Expected
     sized = pivots + ratios[:, None, None] * (vertices - pivots)
     cost = look.unexplained(sized, np.repeat(np.array([candidate.order]), len(ratios), 0))
     cost = cost / look.templates.area.sum() + expected.price(frame, step + np.arange(-1.0, 2.0))
-    return step + int(np.argmin(cost)) - 1
+    return int(np.argmin(cost)) - 1
 
 
 def _hypotheses(
