@@ -25,7 +25,7 @@ HIDDEN = 0.2
 """A part is hidden when less than this share of its mesh is seen, which reaches about as far again as its drawing."""
 UNSEEN = 0.05
 """A part of which less than this share is seen moves freely; one of which more is moves only to a better place."""
-ANGLES = 48
+ANGLES = 72
 """Turns of a hidden part that are tried."""
 NO_WORSE = 0.02
 """A pose explains the picture as well as another when it costs no more than this, in units of an average part."""

@@ -22,8 +22,9 @@ from wildpuppet.pose.twins import MOST_TRADES
 from wildpuppet.settings import SearchSettings
 from wildpuppet.types import Crops, Hypotheses, Puppet
 
-SIZE_PRIOR = 0.003
-"""Cost, in shares of the puppet's pixels, of a size one step away from what is expected (squared)."""
+SIZE_PRIOR, SIZE_CHANGE = 0.003, 0.015
+"""Cost, in shares of the puppet's pixels, of a size one step away from what is expected: in a shot's first frame
+(squared), and from there on."""
 
 Start = tuple[Float[np.ndarray, "P 2 3"], Int[np.ndarray, "L"]]
 """A pose to start from: crop from canvas of each piece, and the order of the layers."""
@@ -42,10 +43,16 @@ class Expected:
 
     kept: Float[np.ndarray, "T"]
     boxed: Float[np.ndarray, "T"]
+    is_found: bool = False
 
     def price(self, frame: int, step: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """Price sizes that neither explains, in shares of the puppet's pixels."""
-        return SIZE_PRIOR * np.asarray(np.minimum((step - self.kept[frame]) ** 2, (step - self.boxed[frame]) ** 2))
+        off = np.asarray(np.minimum(abs(step - self.kept[frame]), abs(step - self.boxed[frame])))
+        return SIZE_CHANGE * off if self.is_found else SIZE_PRIOR * off**2
+
+    def found(self, frame: int, step: float) -> "Expected":
+        """Expect the rest to follow the size that a frame was found to show."""
+        return Expected(self.kept + step - self.kept[frame], self.boxed + step - self.boxed[frame], True)
 
 
 def search(
@@ -68,7 +75,7 @@ def search(
     searcher = searcher_of(puppet, placement, settings)
     coarse = None if crops.ordered else _coarse_searcher(puppet, placement, settings)
     expected = expected_sizes(searcher, crops, placement)
-    grown = round(searcher.size_step(size) - expected.kept[frames[0]])
+    grown, following = round(searcher.size_step(size) - expected.kept[frames[0]]), expected
     found: list[tuple[Float[np.ndarray, "N P 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]] = []
     for done, frame in enumerate(frames):
         before = frames[done - 1] if done else None
@@ -82,7 +89,8 @@ def search(
                     (affine.compose(between(crops, int(before), int(frame))[None], m), o)
                     for m, o in zip(found[-1][0][:2], found[-1][1][:2], strict=True)
                 ]
-            grown = grown if is_next or before is None else 0
+            if not is_next:
+                grown, following = grown if before is None else 0, expected
             image = crops.images[int(frame) : int(frame) + 1][0]
             for _ in range(TRIES if is_next else FIRST_TRIES):
                 step = fine_step(expected.kept[frame] + grown)
@@ -90,11 +98,13 @@ def search(
                 look = look_at(searcher, image, step)
                 best = _best_of(look, starts + first)
                 maps, order, cost = _hypotheses(look, best)
-                change = _better_size(look, best[0][1], step, expected, int(frame)) if crops.ordered else 0
+                change = _better_size(look, best[0][1], step, following, int(frame)) if crops.ordered else 0
                 grown += change
                 if change == 0:
                     break
                 starts = [(maps[0], order[0]), *starts]
+            if not is_next:
+                following = expected.found(int(frame), expected.kept[frame] + grown)
             found.append((maps, order, cost))
         machine.progress(done + 1, len(frames))
     return Hypotheses(
