@@ -8,6 +8,7 @@ that.
 import dataclasses
 from collections.abc import Iterator, Sequence
 
+import cv2
 import numba
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
 from wildpuppet.pose.look import SIZE_STEP
 from wildpuppet.pose.place import pose_vertices, size_of
-from wildpuppet.pose.search import SIZE_PRIOR, expected_sizes, search, searcher_of, size_after
+from wildpuppet.pose.search import SIZE_CHANGE, SIZE_PRIOR, expected_sizes, search, searcher_of, size_after
 from wildpuppet.pose.twins import MOST_TRADES
 from wildpuppet.puppet.build import build
 from wildpuppet.settings import PuppetSettings, SearchSettings
@@ -139,19 +140,23 @@ def test_a_coarse_search_that_would_see_too_little_is_left_out():
     np.testing.assert_array_equal(found[0].crop_from_canvas, found[1].crop_from_canvas)
 
 
-def shrinking_windows(scene: Scene, ratio: float) -> tuple[Crops, np.ndarray]:
-    """The scene's crops with windows that grow to ``ratio`` times their size, boxes in the video growing as well."""
+def in_growing_windows(scene: Scene, ratio: float) -> tuple[Crops, np.ndarray]:
+    """Cut the scene's frames anew in windows that grow to ``ratio`` times their size; returns that factor per frame."""
     crops = crops_of(scene)
-    scale = ratio ** np.linspace(0.0, 1.0, len(crops.frames))
-    maps = crops.video_from_crop.copy()
-    maps[:, :, :2] *= scale[:, None, None]
-    return dataclasses.replace(crops, video_from_crop=maps), scale
+    grown = ratio ** np.linspace(0.0, 1.0, len(crops.frames))
+    video_from_crop = np.stack([affine.scale_and_shift(float(factor), (0.0, 0.0)) for factor in grown])
+    images = np.stack([
+        cv2.warpAffine(image, affine.for_opencv(affine.invert(to_video)), crops.size, flags=cv2.INTER_LINEAR)
+        for image, to_video in zip(crops.images[:], video_from_crop, strict=True)
+    ])  # fmt: skip
+    boxes = crops.box_crop / grown[:, None]
+    return dataclasses.replace(crops, images=images, video_from_crop=video_from_crop, box_crop=boxes), grown
 
 
 def test_a_size_kept_in_the_video_is_expected():
     """Closed form: a window 1.25 times as large shows the character 1.25 times smaller."""
     scene, puppet, _ = drawn("walk")
-    crops, scale = shrinking_windows(scene, 1.25)
+    crops, scale = in_growing_windows(scene, 1.25)
     placement = affine.scale_and_shift(1.0, (0.0, 0.0))
     searcher = searcher_of(puppet, placement, COARSE)
     expected = expected_sizes(searcher, crops, placement)
@@ -164,6 +169,31 @@ def test_a_size_kept_in_the_video_is_expected():
     midway = (expected.kept[-1] + expected.boxed[-1]) / 2
     off = abs(expected.kept[-1] - midway)
     assert expected.price(len(scale) - 1, np.array([midway]))[0] == pytest.approx(SIZE_PRIOR * off**2)
+
+
+def test_the_size_that_was_found_is_expected_from_there_on():
+    scene, puppet, _ = drawn("walk")
+    crops, _ = in_growing_windows(scene, 1.25)
+    placement = affine.scale_and_shift(1.0, (0.0, 0.0))
+    expected = expected_sizes(searcher_of(puppet, placement, COARSE), crops, placement)
+    found = expected.found(2, expected.kept[2] - 2.0)
+    np.testing.assert_allclose(found.kept, expected.kept - 2.0)
+    np.testing.assert_allclose(np.diff(found.boxed), np.diff(expected.boxed))
+    assert found.boxed[2] == pytest.approx(found.kept[2])
+    assert found.price(2, found.kept[2] + np.array([-1.0, 0.0, 2.0])) == pytest.approx(
+        [SIZE_CHANGE, 0.0, 2 * SIZE_CHANGE]
+    )
+
+
+def test_a_box_that_grows_is_not_a_character_that_grows():
+    scene, puppet, _ = drawn("walk")
+    crops, grown = in_growing_windows(scene, 1.25)
+    crops = dataclasses.replace(crops, box_crop=crops.box_crop * 1.6 ** np.linspace(0, 1, len(grown))[:, None])
+    frames = list(range(0, len(grown), 4))
+    found = searched(scene, puppet, crops, frames)
+    true = sizes(scene.video_from_canvas[frames]) / grown[frames]
+    assert true[-1] / true[0] < 0.9
+    assert (np.abs(np.log(sizes(found.crop_from_canvas[:, 0]) / true)) < np.log(1.09)).all()
 
 
 def test_another_shot_is_expected_as_large_as_its_box():
