@@ -83,7 +83,7 @@ def _drag(work: SetWork) -> dict[str, Any]:
         save_sheet(work.out / "figures" / f"{work.case.name}-drag.png", grid(rows))
     return {
         "scores": [[method, f"drag {count}", found.mean(method, count)] for method, count in found.errors],
-        "reason": "fewer than two training drawings are not doubted",
+        "reason": "fewer than two training drawings are not doubted, or no point is right in them",
         "drawings": list(found.frames),
     }
 

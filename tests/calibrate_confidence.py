@@ -24,7 +24,6 @@ from wildpuppet.fit.signs import NAMES
 from wildpuppet.machine import Machine
 from wildpuppet.pose.choose import choose
 from wildpuppet.pose.hinges import with_hinges
-from wildpuppet.pose.place import size_of
 from wildpuppet.pose.search import search
 from wildpuppet.pose.tree import joint_points
 from wildpuppet.puppet.build import build
@@ -82,7 +81,7 @@ def sample(name: str, cutout: CutOut, kind: Kind, frames: int, hand: np.random.G
     slip = hand.normal(0, SLIP * size, (len(true.joint_layers), 2))
     puppet = with_hinges(true, joint_points(true).mean(1) + slip)
     index = np.arange(frames)
-    found = search(puppet, own.crops, own.placement, size_of(own.placement), index, settings.search, machine)
+    found = search(puppet, own.crops, own.placement, None, index, settings.search, machine)
     poses = choose(puppet, own.crops, found, settings.search, machine)
     fitted = fit(puppet, own.crops, poses, slice(0, frames), settings.fit, machine)
     signs = np.stack(list(signs_of(puppet, own.crops, found, poses, fitted)))

@@ -289,9 +289,9 @@ CROP = Stage("crop", 2, ("crop",), _crop, disk.save_crops, disk.load_crops)
 DRAWINGS = Stage("drawings", 1, ("crop",), _drawings, disk.save_crops, disk.load_crops)
 AUTOMATIC = Stage("automatic", 1, ("auto",), _automatic, disk.save_cutout, disk.load_cutout)
 PUPPET = Stage("puppet", 3, ("puppet",), _puppet, disk.save_puppet, disk.load_puppet)
-PLACE = Stage("place", 4, ("search",), _place, disk.save_placement, disk.load_placement)
-HINGES = Stage("hinges", 8, ("search",), _hinges, disk.save_puppet, disk.load_puppet)
-SEARCH_PART = Stage("search.part", 9, ("search",), _search_part, disk.save_hypotheses, disk.load_hypotheses)
+PLACE = Stage("place", 5, ("search",), _place, disk.save_placement, disk.load_placement)
+HINGES = Stage("hinges", 9, ("search",), _hinges, disk.save_puppet, disk.load_puppet)
+SEARCH_PART = Stage("search.part", 10, ("search",), _search_part, disk.save_hypotheses, disk.load_hypotheses)
 SEARCH = Stage("search", 1, (), _search, disk.save_hypotheses, disk.load_hypotheses)
 KEYFRAMES_PART = Stage(
     "keyframes.part", SEARCH_PART.version, ("search",), _keyframes_part, disk.save_followed, disk.load_followed

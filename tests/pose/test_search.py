@@ -19,7 +19,7 @@ from tests.scenes import Kind, Scene, make_scene
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
 from wildpuppet.pose.look import SIZE_STEP
-from wildpuppet.pose.place import pose_vertices, size_of
+from wildpuppet.pose.place import pose_vertices
 from wildpuppet.pose.search import SIZE_CHANGE, SIZE_PRIOR, expected_sizes, search, searcher_of, size_after
 from wildpuppet.pose.twins import MOST_TRADES
 from wildpuppet.puppet.build import build
@@ -51,7 +51,7 @@ def searched(scene: Scene, puppet: Puppet, crops: Crops, frames: Sequence[int], 
     placement = affine.compose(
         affine.scale_and_shift(off, (0.0, 0.0)), scene.video_from_canvas[0, scene.layer("torso")]
     )
-    return search(puppet, crops, placement, size_of(placement), np.array(frames), COARSE, Machine(workers=1))
+    return search(puppet, crops, placement, None, np.array(frames), COARSE, Machine(workers=1))
 
 
 def errors(scene: Scene, puppet: Puppet, hypotheses: Hypotheses, frames: Sequence[int]) -> np.ndarray:
@@ -131,7 +131,7 @@ def test_a_coarse_search_that_would_see_too_little_is_left_out():
     scene, puppet, crops = drawn("crossing", frames=2)
     placement = scene.video_from_canvas[0, scene.layer("torso")]
     found = [
-        search(puppet, crops, placement, size_of(placement), np.array([0]), settings, Machine(workers=1))
+        search(puppet, crops, placement, None, np.array([0]), settings, Machine(workers=1))
         for settings in (
             SearchSettings(box_pixels=32, angles=12, coarse=0.0),
             SearchSettings(box_pixels=32, angles=12, coarse=0.7),
@@ -196,6 +196,18 @@ def test_a_box_that_grows_is_not_a_character_that_grows():
     assert (np.abs(np.log(sizes(found.crop_from_canvas[:, 0]) / true)) < np.log(1.09)).all()
 
 
+def test_frames_without_the_character_leave_its_size_alone():
+    scene, puppet, crops = drawn("walk")
+    images, lost, frames = crops.images[:].copy(), [1, 2, 3], [0, 1, 2, 3, 4]
+    images[lost] = (120, 130, 110, 0)
+    state = tuple("lost" if t in lost else "followed" for t in range(len(images)))
+    found = searched(scene, puppet, dataclasses.replace(crops, images=images, state=state), frames)
+    own = sizes(found.crop_from_canvas[:, 0])
+    np.testing.assert_allclose(own[lost], own[0])
+    assert abs(np.log(own[4] / sizes(scene.video_from_canvas[:5])[4])) < np.log(1.09)
+    assert errors(scene, puppet, found, frames)[4, 0] < BEST
+
+
 def test_another_shot_is_expected_as_large_as_its_box():
     _, puppet, crops = drawn("cut")
     searcher = searcher_of(puppet, affine.scale_and_shift(1.0, (0.0, 0.0)), COARSE)
@@ -204,3 +216,6 @@ def test_another_shot_is_expected_as_large_as_its_box():
     assert first > 0
     assert abs(expected.boxed[first] - expected.boxed[first - 1]) > 1
     np.testing.assert_allclose(expected.kept[first:], expected.boxed[first])
+    state = tuple("lost" if t == first else "followed" for t in range(len(crops.frames)))
+    later = expected_sizes(searcher, dataclasses.replace(crops, state=state), affine.scale_and_shift(1.0, (0.0, 0.0)))
+    np.testing.assert_allclose(later.kept[first:], expected.boxed[first + 1])

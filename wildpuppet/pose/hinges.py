@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from wildpuppet.machine import Machine
 from wildpuppet.pose.pieces import pieces_of
-from wildpuppet.pose.place import rest_box, size_of
+from wildpuppet.pose.place import rest_box
 from wildpuppet.pose.search import search
 from wildpuppet.pose.tree import joint_points, part_areas
 from wildpuppet.puppet.joints import attach
@@ -51,9 +51,7 @@ def learn_hinges(
         def progress(part: int, _: int, before: int = done * len(sample)) -> None:
             machine.progress(before + part, total)
 
-        found = search(
-            puppet, crops, placement, size_of(placement), sample, settings, replace(machine, progress=progress)
-        )
+        found = search(puppet, crops, placement, None, sample, settings, replace(machine, progress=progress))
         places = hinge_places(pieces_of(puppet).puppet, found.crop_from_canvas[:, 0])
         puppet = with_hinges(puppet, places[: len(puppet.joint_layers)])  # bends stay in the middle of their parts
     return puppet

@@ -36,6 +36,8 @@ SIZE_STEP = 1.06
 """Ratio between neighbouring sizes that are tried."""
 FINE = 6
 """Sizes of the templates between two steps."""
+KEPT_SIZES = 2 * FINE
+"""Sizes whose templates are kept."""
 TIGHT = 1 / 3
 """Slack of a bend, as a share of a hinge's: where it is, is known."""
 
@@ -73,7 +75,7 @@ class Searcher:
         return self.pieces.puppet
 
     def exact_step(self, crop_scale: float) -> float:
-        """Give a size (crop pixels per canvas pixel) in steps of the templates' sizes."""
+        """Give a size (crop pixels per canvas pixel) in steps of ``SIZE_STEP``."""
         return math.log(crop_scale * self.search_from_crop) / math.log(SIZE_STEP)
 
     def size_step(self, crop_scale: float) -> float:
@@ -87,9 +89,10 @@ class Searcher:
             if self.palette is None:
                 self.palette = palette_of(self.images, scale, self.settings.colours)
             templates = make_templates(self.images, scale, self.settings.angles, self.palette)
-            if len(self.of_size) > 4:
+            if len(self.of_size) == KEPT_SIZES:
                 self.of_size.pop(next(iter(self.of_size)))
             self.of_size[step] = (templates, ev.lab_texture(texture_at(self.puppet, scale)))
+        self.of_size[step] = self.of_size.pop(step)  # the last one that was asked for goes last
         return self.of_size[step]
 
 

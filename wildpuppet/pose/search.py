@@ -1,8 +1,8 @@
 """The global search: where every part is, before any gradient, frame by frame.
 
 For each distinct drawing: template costs of every part at every angle and place, tree-structured dynamic programming,
-then whole poses judged by the composite (METHOD section 4, item 1). The puppet keeps the size in the video that it had
-in the drawing before: neighbouring sizes are tried on the best pose, and the better one is kept from there on.
+then whole poses judged by the composite (METHOD section 4, item 1). The puppet is expected at the size in the video at
+which it was found first: neighbouring sizes are tried on the best pose, and a better one is searched as well.
 """
 
 from dataclasses import dataclass
@@ -23,18 +23,20 @@ from wildpuppet.settings import SearchSettings
 from wildpuppet.types import Crops, Hypotheses, Puppet
 
 SIZE_PRIOR, SIZE_CHANGE = 0.003, 0.015
-"""Cost, in shares of the puppet's pixels, of a size one step away from what is expected: in a shot's first frame
-(squared), and from there on."""
+"""Cost, in shares of the puppet's pixels, of a size one step away from what is expected: in the first frame of a shot
+or of a call (squared), and from there on."""
 
 Start = tuple[Float[np.ndarray, "P 2 3"], Int[np.ndarray, "L"]]
 """A pose to start from: crop from canvas of each piece, and the order of the layers."""
+Found = tuple[Float[np.ndarray, "N P 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]
+"""Poses of one frame, best first: their maps, orders and costs."""
 FIRST_TRIES, TRIES = 4, 2
-"""How often a shot's first frame, and any other, is searched at most: again at the size that explained it better."""
+"""How often such a first frame, and any other, is searched at most: again at the size that explained it better."""
 
 
 @dataclass(frozen=True)
 class Expected:
-    """The size that each crop is expected to show, in steps of the templates' sizes.
+    """The size that each crop is expected to show, in steps of ``SIZE_STEP``.
 
     ``kept`` if the character keeps its size in the video, within a shot; ``boxed`` if it scales with its box (by the
     diagonal). A box also grows with a raised arm and with whatever is taken for the character, and a character that
@@ -59,59 +61,89 @@ def search(
     puppet: Puppet,
     crops: Crops,
     placement: Float[np.ndarray, "2 3"],
-    size: float,
+    size: float | None,
     frames: Int[np.ndarray, "n"],
     settings: SearchSettings,
     machine: Machine,
 ) -> Hypotheses:
     """Find the N best poses of the crops ``frames`` (indices, in the order in which they are to be solved).
 
-    ``placement`` (crop from canvas) stands for the reference crop; ``size`` (crop pixels per canvas pixel) is
-    expected in the first of ``frames`` (``size_after`` chains chunks).
+    ``placement`` (crop from canvas) stands for the reference crop. ``size`` (crop pixels per canvas pixel) is where the
+    first of ``frames`` starts (``size_after`` chains chunks); None: as large as is expected there.
     A frame that shows the drawing of the frame solved before it repeats its poses: its window moves with the drawing.
     A clip's frame starts from the poses of the frame before, an unordered drawing from those of a coarse search.
+    Frames in which the character is lost are searched at the size of the frame before.
     """
     settings = settings_for(crops, settings)
     searcher = searcher_of(puppet, placement, settings)
     coarse = None if crops.ordered else _coarse_searcher(puppet, placement, settings)
-    expected = expected_sizes(searcher, crops, placement)
-    grown, following = round(searcher.size_step(size) - expected.kept[frames[0]]), expected
-    found: list[tuple[Float[np.ndarray, "N P 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]] = []
-    for done, frame in enumerate(frames):
-        before = frames[done - 1] if done else None
+    expected = following = expected_sizes(searcher, crops, placement)
+    grown = 0 if size is None else round(searcher.exact_step(size) - expected.kept[frames[0]])
+    found: list[Found] = []
+    for done, frame in enumerate(frames.tolist()):
+        before = int(frames[done - 1]) if done else None
         if before is not None and crops.drawing[frame] == crops.drawing[before]:
             found.append(found[-1])
         else:
-            starts: list[Start] = []
             is_next = before is not None and crops.shot[frame] == crops.shot[before]
-            if before is not None and is_next and crops.ordered:
-                starts = [
-                    (affine.compose(between(crops, int(before), int(frame))[None], m), o)
-                    for m, o in zip(found[-1][0][:2], found[-1][1][:2], strict=True)
-                ]
-            if not is_next:
-                grown, following = grown if before is None else 0, expected
-            image = crops.images[int(frame) : int(frame) + 1][0]
-            for _ in range(TRIES if is_next else FIRST_TRIES):
-                step = fine_step(expected.kept[frame] + grown)
-                first = _coarse_starts(coarse, image, SIZE_STEP**step / searcher.search_from_crop) if coarse else []
-                look = look_at(searcher, image, step)
-                best = _best_of(look, starts + first)
-                maps, order, cost = _hypotheses(look, best)
-                change = _better_size(look, best[0][1], step, following, int(frame)) if crops.ordered else 0
-                grown += change
-                if change == 0:
-                    break
-                starts = [(maps[0], order[0]), *starts]
-            if not is_next:
-                following = expected.found(int(frame), expected.kept[frame] + grown)
-            found.append((maps, order, cost))
+            if before is not None and not is_next:
+                grown, following = 0, expected
+            starts = _carried(crops, before, frame, found[-1]) if before is not None and is_next else []
+            is_seen = crops.ordered and crops.state[frame] != "lost"
+            tries = (TRIES if following.is_found else FIRST_TRIES) if is_seen else 1
+            step = expected.kept[frame] + grown
+            best, change = _search_sizes(searcher, coarse, crops, frame, step, starts, following, tries)
+            grown += change
+            if is_seen and not following.is_found:
+                following = expected.found(frame, expected.kept[frame] + grown)
+            found.append(best)
         machine.progress(done + 1, len(frames))
     return Hypotheses(
         np.stack([maps for maps, _, _ in found]),
         np.stack([order for _, order, _ in found]),
         np.stack([cost for _, _, cost in found]),
     )
+
+
+def _carried(crops: Crops, before: int, frame: int, found: Found) -> list[Start]:
+    """Let the two best poses of the frame before stand still in the video."""
+    if not crops.ordered:
+        return []
+    way = between(crops, before, frame)[None]
+    return [(affine.compose(way, maps), order) for maps, order in zip(found[0][:2], found[1][:2], strict=True)]
+
+
+def _search_sizes(
+    searcher: Searcher,
+    coarse: Searcher | None,
+    crops: Crops,
+    frame: int,
+    step: float,
+    starts: list[Start],
+    expected: Expected,
+    tries: int,
+) -> tuple[Found, int]:
+    """Search one frame at a size and, ``tries`` times in all, at better ones; give the steps by which it changed.
+
+    A change for which no try is left counts too: the next frame starts there. No change is tried with one try.
+    """
+    image, tried, change = crops.images[frame : frame + 1][0], {0}, 0
+    while True:
+        size = fine_step(step + change)
+        look = look_at(searcher, image, size)
+        first = _coarse_starts(coarse, image, SIZE_STEP**size / searcher.search_from_crop) if coarse else []
+        best = _best_of(look, starts + first)
+        found = _hypotheses(look, best)
+        if tries == 1:
+            return found, change
+        more = change + _better_size(look, best[0][1], size, expected, frame)
+        if more in tried:
+            return found, change
+        change = more
+        if len(tried) == tries:
+            return found, change
+        tried.add(change)
+        starts = [(found[0][0], found[1][0]), *starts]
 
 
 def settings_for(crops: Crops, settings: SearchSettings) -> SearchSettings:
@@ -138,8 +170,7 @@ LEAST_COARSE = 24
 
 def _coarse_starts(coarse: Searcher, image: UInt8[np.ndarray, "H W 4"], size: float) -> list[Start]:
     """Search one frame coarsely; ``size`` in crop pixels per canvas pixel."""
-    step = coarse.size_step(size)
-    look = look_at(coarse, image, step)
+    look = look_at(coarse, image, coarse.size_step(size))
     maps, order, cost = _hypotheses(look, _best_of(look, []))
     rows = [row for row in range(len(cost)) if np.isfinite(cost[row])][:COARSE_STARTS]
     return [(maps[row], order[row]) for row in rows]
@@ -151,9 +182,7 @@ def searcher_of(puppet: Puppet, placement: Float[np.ndarray, "2 3"], settings: S
     return Searcher(pieces_of(puppet), settings, search_scale)
 
 
-def search_from(
-    searcher: Searcher, crops: Crops, frame: int, starts: list[Start], pull: Pull | None = None
-) -> tuple[Float[np.ndarray, "N P 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]:
+def search_from(searcher: Searcher, crops: Crops, frame: int, starts: list[Start], pull: Pull | None = None) -> Found:
     """Search one frame again with poses (crop from canvas, order) to start from, at the size of the first."""
     size = float(np.mean([size_of(one) for one in starts[0][0]]))
     look = look_at(searcher, crops.images[frame : frame + 1][0], searcher.size_step(size), pull)
@@ -168,7 +197,7 @@ def size_after(hypotheses: Hypotheses) -> float:
 def expected_sizes(searcher: Searcher, crops: Crops, placement: Float[np.ndarray, "2 3"]) -> Expected:
     """Say what size is expected where; ``placement`` (crop from canvas) stands for the reference crop.
 
-    Unordered drawings share one size. The first frame of another shot is expected as large as its box says.
+    Unordered drawings share one size. Another shot's first frame with the character is expected as large as its box.
     """
     at = searcher.exact_step(size_of(placement))
     kept = np.full(len(crops.frames), at)
@@ -180,7 +209,8 @@ def expected_sizes(searcher: Searcher, crops: Crops, placement: Float[np.ndarray
     boxed = at + diagonal - diagonal[reference]
     for shot in np.unique(crops.shot):
         index = np.flatnonzero(crops.shot == shot)
-        first = reference if crops.shot[reference] == shot else index[0]
+        seen = index[np.array(crops.state)[index] != "lost"]
+        first = reference if crops.shot[reference] == shot else (seen if len(seen) else index)[0]
         kept[index] = boxed[first] + window[first] - window[index]
     return Expected(kept, boxed)
 
@@ -204,9 +234,7 @@ def _better_size(look: Look, candidate: Candidate, step: float, expected: Expect
     return int(np.argmin(cost)) - 1
 
 
-def _hypotheses(
-    look: Look, best: list[tuple[float, Candidate]]
-) -> tuple[Float[np.ndarray, "N P 2 3"], Int[np.ndarray, "N L"], Float[np.ndarray, "N"]]:
+def _hypotheses(look: Look, best: list[tuple[float, Candidate]]) -> Found:
     """Bring poses to crop pixels and fill up to N with the last at infinite cost."""
     missing = look.searcher.settings.num_best + MOST_TRADES - len(best)
     maps = np.stack([look.maps(c.states) for _, c in best]) / look.searcher.search_from_crop

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine, silent
+from wildpuppet.pose.look import SIZE_STEP
 from wildpuppet.pose.place import is_drawn_here, place, rest_box, size_of
 from wildpuppet.pose.search import search, settings_for
 from wildpuppet.settings import SearchSettings
@@ -23,7 +24,7 @@ from wildpuppet.types import Crops, Puppet
 COARSE = 2 / 3
 """Share of the search's pixels and angles with which sizes are tried."""
 LEAST_PIXELS, LEAST_ANGLES = 40, 24
-STEP = 1.12
+STEP = SIZE_STEP**2
 """Ratio between neighbouring sizes: from here the search's own steps of size lead on."""
 
 

@@ -4,8 +4,8 @@
     scores.mean("ours", 2), scores.mean("vertices", 2)      # two handles: mean error in pixels
 
 Every drawing kept for testing is reached from the training drawing before it. One to three of its points are dragged to
-their true places; all points that are seen in both drawings count. The first handle is the point that has the farthest
-to go, each further one the farthest among those that are not near a handle (``farthest``), or they are drawn by chance.
+their true places; all points that are seen in it and in the reference count. The first handle is the point that has
+the farthest to go, each further one the farthest among those that are not near a handle.
 
 ``start`` does nothing. ``printed`` is the paper's energy over the vertices (against the puppet at rest, hinges closed),
 ``vertices`` the better baseline (against the pose that is dragged, hinges as open as there), both converged. ``paper``
@@ -17,7 +17,6 @@ drag a point of one hand to where the other is.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -40,7 +39,6 @@ from wildpuppet.render.render import mesh_of, texture_at
 from wildpuppet.types import Crops, Fit, Puppet
 
 Picture = UInt8[np.ndarray, "H W 3"]
-Choice = Literal["farthest", "random"]
 Space = tuple[Decoder, Known]
 SpaceOf = Callable[[Float[np.ndarray, "K V 2"], int], Space]
 """Makes a decoder and the known poses' codes of poses (crop pixels) and the row that is dragged."""
@@ -49,7 +47,7 @@ COUNTS = (1, 2, 3)
 TRUE_RIGID, TRUE_HOLD = 0.05, 1e-3
 """How little stiffness and hold count beside true points."""
 WRONG = 0.05
-"""A point of the start is wrong from this share of L on."""
+"""A point of the start is wrong from this share of the picture's larger side on."""
 APART = 0.15
 """Handles are at least this share of the picture's larger side apart."""
 LEAST_KNOWN = 2
@@ -79,25 +77,23 @@ def drag_scores(
     fit: Fit,
     truth: Truth,
     by_truth: bool = False,
-    choice: Choice = "farthest",
-    space_of: SpaceOf | None = None,
-    seed: int = 0,
     most: int | None = None,
     progress: Progress = silent,
 ) -> DragScores:
     """Drag to every drawing of ``truth.test`` or to so many, evenly spread; drawings only (one window for all frames).
 
-    No errors where fewer than ``LEAST_KNOWN`` training drawings are not doubted. Raises ValueError without ``test``.
+    Drawings of which no point counts are left out; all are where fewer than ``LEAST_KNOWN`` training drawings are not
+    doubted. Raises ValueError without ``truth.test``.
     """
     if truth.test is None:
         raise ValueError("expected a truth with drawings kept for testing")
     scene = _scene(puppet, crops, fit, truth, by_truth)
-    spaces = space_of or hinge_space(puppet)
-    frames = spread_over(truth.test.tolist(), most or len(truth.test))
+    spaces = hinge_space(puppet)
+    frames = scene.dragged(truth.test.tolist(), len(truth.test) if most is None else most)
     errors: dict[tuple[str, int], list[float]] = {}
-    for done, frame in enumerate(frames if len(scene.rows) >= LEAST_KNOWN else [], 1):
+    for done, frame in enumerate(frames, 1):
         for count in COUNTS:
-            handles = _handles(scene, frame, count, choice, np.random.default_rng([seed, frame, count]))
+            handles = _handles(scene, frame, count)
             for method, pose in _answers(puppet, scene, frame, handles, spaces).items():
                 errors.setdefault((method, count), []).append(scene.error(pose, frame))
         progress(done, len(frames))
@@ -112,9 +108,9 @@ def drag_rows(
     scene, spaces = _scene(puppet, crops, fit, truth, by_truth=False), hinge_space(puppet)
     mesh, texture, window = mesh_of(puppet), texture_at(puppet, 1.0), crops.video_from_crop[0].astype(np.float64)
     columns: dict[str, list[Picture]] = {}
-    for frame in spread_over(truth.test.tolist(), rows):
+    for frame in scene.dragged(truth.test.tolist(), rows):
         drawing, order = picture(frame), fit.order[scene.rows[scene.start(frame)]]
-        handles = _handles(scene, frame, max(COUNTS), "farthest", np.random.default_rng(0))
+        handles = _handles(scene, frame, max(COUNTS))
         columns.setdefault("drawing", []).append(drawing)
         for method, pose in _answers(puppet, scene, frame, handles, spaces).items():
             drawn = drawn_on_white(mesh, texture, apply(window, pose), order, (drawing.shape[1], drawing.shape[0]))
@@ -162,6 +158,12 @@ class _Scene:
         """Give the puppet at rest at the size that it has in a pose."""
         rest = arap_rest(puppet.vertices.astype(np.float64), puppet.triangles)
         return np.asarray(puppet.vertices * float(best_scale_of(pose[None], rest)[0]))
+
+    def dragged(self, frames: Sequence[int], most: int) -> list[int]:
+        """Choose up to ``most`` of the drawings of which points count; none where too few poses are known."""
+        return spread_over(
+            [frame for frame in frames if len(self.rows) >= LEAST_KNOWN and len(self.counted(frame))], most
+        )
 
     def counted(self, frame: int) -> Int[np.ndarray, "n"]:
         """List the points that are seen in a drawing and that its start has right."""
@@ -211,13 +213,10 @@ def _posed_by_truth(
     return pull_vertices(deform_energy(puppet, size * puppet.vertices, handles, unit, TRUE_RIGID), start, TRUE_HOLD, 20)
 
 
-def _handles(scene: _Scene, frame: int, count: int, choice: Choice, generator: np.random.Generator) -> Handles:
+def _handles(scene: _Scene, frame: int, count: int) -> Handles:
     seen = scene.counted(frame)
-    if choice == "random":
-        chosen = generator.choice(seen, min(count, len(seen)), replace=False)
-    else:
-        places = scene.anchors.mix(scene.poses[scene.start(frame)][None])[0][seen]
-        chosen = seen[_farthest(places, scene.points[frame][seen], count, APART * 2.0 / scene.unit)]
+    places = scene.anchors.mix(scene.poses[scene.start(frame)][None])[0][seen]
+    chosen = seen[_farthest(places, scene.points[frame][seen], count, APART * 2.0 / scene.unit)]
     return Handles(scene.anchors.corners[chosen], scene.anchors.weights[chosen], scene.points[frame][chosen])
 
 
@@ -226,10 +225,10 @@ def _farthest(
 ) -> Int[np.ndarray, "c"]:
     way = np.linalg.norm(places - targets, axis=-1)
     chosen: list[int] = []
-    for _ in range(min(count, len(way))):
+    while len(chosen) < count and way.max() >= 0:
         chosen.append(int(way.argmax()))
         way = np.where(np.linalg.norm(places - places[chosen[-1]], axis=-1) < apart, -1.0, way)
-    return np.array(chosen)
+    return np.array(chosen, np.int64)
 
 
 def _answers(
