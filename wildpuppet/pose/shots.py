@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from wildpuppet.pose import evidence as ev
 from wildpuppet.pose.choose import best_path
+from wildpuppet.pose.look import SIZE_STEP
 from wildpuppet.pose.place import pose_vertices, rest_box, size_of
 from wildpuppet.pose.tree import part_areas
 from wildpuppet.render.render import Mesh, mesh_of
@@ -50,9 +51,9 @@ class Shot:
 
     def texture(self, row: int) -> Texture:
         """Give the puppet's texture at a drawing's size."""
-        step = round(float(np.log(size_of(self.maps[row, 0]) * self.scale) / np.log(1.06)))
+        step = round(float(np.log(size_of(self.maps[row, 0]) * self.scale) / np.log(SIZE_STEP)))
         if step not in self.textures:
-            self.textures[step] = ev.lab_texture(texture_at(self.puppet, 1.06**step))
+            self.textures[step] = ev.lab_texture(texture_at(self.puppet, SIZE_STEP**step))
         return self.textures[step]
 
     def costs(

@@ -16,7 +16,7 @@ drag a point of one hand to where the other is.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -25,24 +25,20 @@ from jaxtyping import Bool, Float, Int, UInt8
 from wildpuppet.correspond.locate import Anchors, locate
 from wildpuppet.correspond.pck import Truth
 from wildpuppet.fit.handles import Handles, deform_energy
-from wildpuppet.fit.pull_codes import Decoder, decode, plain_steps
+from wildpuppet.fit.pull_codes import decode, plain_steps
 from wildpuppet.fit.pull_vertices import pull_vertices
 from wildpuppet.geometry.affine import apply
 from wildpuppet.geometry.arap import arap_rest, best_scale_of
 from wildpuppet.machine import Progress, silent
 from wildpuppet.motion.drag import Known, drag
 from wildpuppet.motion.lines import drawn_on_white
-from wildpuppet.motion.pose_space import pose_space_of
+from wildpuppet.motion.pose_space import PoseSpace, pose_space_of
 from wildpuppet.pose.place import pose_vertices
 from wildpuppet.pose.similarity import placed, similarities
 from wildpuppet.render.render import mesh_of, texture_at
 from wildpuppet.types import Crops, Fit, Puppet
 
 Picture = UInt8[np.ndarray, "H W 3"]
-Space = tuple[Decoder, Known]
-SpaceOf = Callable[[Float[np.ndarray, "K V 2"], int], Space]
-"""Makes a decoder and the known poses' codes of poses (crop pixels) and the row that is dragged."""
-
 COUNTS = (1, 2, 3)
 TRUE_RIGID, TRUE_HOLD = 0.05, 1e-3
 """How little stiffness and hold count beside true points."""
@@ -88,13 +84,13 @@ def drag_scores(
     if truth.test is None:
         raise ValueError("expected a truth with drawings kept for testing")
     scene = _scene(puppet, crops, fit, truth, by_truth)
-    spaces = hinge_space(puppet)
     frames = scene.dragged(truth.test.tolist(), len(truth.test) if most is None else most)
     errors: dict[tuple[str, int], list[float]] = {}
     for done, frame in enumerate(frames, 1):
+        known = scene.known(frame)
         for count in COUNTS:
             handles = _handles(scene, frame, count)
-            for method, pose in _answers(puppet, scene, frame, handles, spaces).items():
+            for method, pose in _answers(puppet, scene, frame, handles, known).items():
                 errors.setdefault((method, count), []).append(scene.error(pose, frame))
         progress(done, len(frames))
     return DragScores(tuple(frames), float(truth.length.max()), {name: tuple(found) for name, found in errors.items()})
@@ -105,14 +101,14 @@ def drag_rows(
 ) -> dict[str, list[Picture]]:
     """Draw test drawings and what ``max(COUNTS)`` handles make of the drawing before, a column per method."""
     assert truth.test is not None
-    scene, spaces = _scene(puppet, crops, fit, truth, by_truth=False), hinge_space(puppet)
+    scene = _scene(puppet, crops, fit, truth, by_truth=False)
     mesh, texture, window = mesh_of(puppet), texture_at(puppet, 1.0), crops.video_from_crop[0].astype(np.float64)
     columns: dict[str, list[Picture]] = {}
     for frame in scene.dragged(truth.test.tolist(), rows):
         drawing, order = picture(frame), fit.order[scene.rows[scene.start(frame)]]
         handles = _handles(scene, frame, max(COUNTS))
         columns.setdefault("drawing", []).append(drawing)
-        for method, pose in _answers(puppet, scene, frame, handles, spaces).items():
+        for method, pose in _answers(puppet, scene, frame, handles, scene.known(frame)).items():
             drawn = drawn_on_white(mesh, texture, apply(window, pose), order, (drawing.shape[1], drawing.shape[0]))
             columns.setdefault(method, []).append(_with_handles(drawn, apply(window, handles.targets)))
     return columns
@@ -131,12 +127,6 @@ def _with_handles(picture: Picture, places: Float[np.ndarray, "n 2"]) -> Picture
     return marked
 
 
-def hinge_space(puppet: Puppet) -> SpaceOf:
-    """Take hinge rotations for codes."""
-    space = pose_space_of(puppet)
-    return lambda poses, start: (space, Known(poses, space.encode(poses, poses[start]), space.turnings()))
-
-
 @dataclass(frozen=True, eq=False)
 class _Scene:
     """The training drawings' poses, and where the true points are; crop pixels. ``rows`` are drawings' numbers."""
@@ -148,11 +138,17 @@ class _Scene:
     poses: Float[np.ndarray, "K V 2"]
     trust: Float[np.ndarray, "K"]
     unit: float
-    video_from_crop: float
+    video_per_crop: float
+    space: PoseSpace
 
     def start(self, frame: int) -> int:
         """Row of the training drawing before a drawing (after it, if there is none)."""
         return max(0, int(np.searchsorted(self.rows, frame)) - 1)
+
+    def known(self, frame: int) -> Known:
+        """Take hinge rotations for the known poses' codes, as seen from a drawing's start."""
+        codes = self.space.encode(self.poses, self.poses[self.start(frame)])
+        return Known(self.poses, codes, self.space.turnings(), self.trust)
 
     def rest(self, puppet: Puppet, pose: Float[np.ndarray, "V 2"]) -> Float[np.ndarray, "V 2"]:
         """Give the puppet at rest at the size that it has in a pose."""
@@ -174,7 +170,7 @@ class _Scene:
     def error(self, pose: Float[np.ndarray, "V 2"], frame: int) -> float:
         """Mean distance of the counted points, video pixels."""
         away = np.linalg.norm(self.anchors.mix(pose[None])[0] - self.points[frame], axis=-1)
-        return float(away[self.counted(frame)].mean()) * self.video_from_crop
+        return float(away[self.counted(frame)].mean()) * self.video_per_crop
 
 
 def _scene(puppet: Puppet, crops: Crops, fit: Fit, truth: Truth, by_truth: bool) -> _Scene:
@@ -197,7 +193,7 @@ def _scene(puppet: Puppet, crops: Crops, fit: Fit, truth: Truth, by_truth: bool)
         true = np.where(given[:, None], points[rows], np.nan)
         poses = np.stack([_posed_by_truth(puppet, *each, anchors, unit) for each in zip(poses, true, strict=True)])
     seen = truth.visible & given & np.isfinite(points).all(-1)
-    return _Scene(anchors, points, seen, rows, poses, trust, unit, scale)
+    return _Scene(anchors, points, seen, rows, poses, trust, unit, scale, pose_space_of(puppet))
 
 
 def _posed_by_truth(
@@ -232,12 +228,10 @@ def _farthest(
 
 
 def _answers(
-    puppet: Puppet, scene: _Scene, frame: int, handles: Handles, space_of: SpaceOf
+    puppet: Puppet, scene: _Scene, frame: int, handles: Handles, known: Known
 ) -> dict[str, Float[np.ndarray, "V 2"]]:
     row = scene.start(frame)
-    start = scene.poses[row]
-    decoder, known = space_of(scene.poses, row)
-    known = replace(known, trust=scene.trust)
+    start, decoder = scene.poses[row], scene.space
     energy = deform_energy(puppet, start, handles, scene.unit)
     stepped = plain_steps(energy, decoder, known.codes[row])
     return {
