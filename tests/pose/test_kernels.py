@@ -1,7 +1,9 @@
 import itertools
 
 import numpy as np
+import pytest
 
+from wildpuppet.pose.dynamic import pull_table
 from wildpuppet.pose.kernels import shift_each, spring_transform, template_costs, turn_transform
 
 SHAPE = (5, 6, 7)
@@ -32,9 +34,20 @@ def test_template_costs_sum_the_maps_under_the_pixels():
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
-def test_spring_transform_is_the_least_over_all_gaps_within_reach():
-    costs, pull = random_costs(), np.array([0.0, 0.1, 0.35, 0.5], np.float32)
-    expected = np.full(SHAPE, np.inf)
+@pytest.mark.parametrize(
+    "pull",
+    [
+        np.array([0.0, 0.1, 0.35, 0.5], np.float32),  # not convex
+        np.zeros(1, np.float32),
+        pull_table(0.5, 0.1, 1),
+        pull_table(0.5, 0.1, 4),
+        pull_table(2.5, 0.1, 3),
+        pull_table(2.5, 0.1, 6),
+        pull_table(1.5, 0.02, 20),
+    ],
+)
+def test_spring_transform_is_the_least_over_all_gaps_within_reach(pull):
+    costs, expected = random_costs(), np.full(SHAPE, np.inf)
     for angle, y, x in states():
         for row, column in itertools.product(range(SHAPE[1]), range(SHAPE[2])):
             if max(abs(row - y), abs(column - x)) < len(pull):

@@ -3,7 +3,7 @@
     E = rec / N + arap * E_arap + joints * E_joints + area * E_area        (METHOD section 1; units of section 2)
 
 rec sums, over pixels, the robust squared difference of frame and puppet under the puppet's mask (Geman and McClure's
-rho, reweighted at each step) and the price of covering or not covering; N is the mask's size at the start. Each frame
+rho) and the price of covering or not covering; N is the mask's size at the start. Each frame
 keeps a step length of its own: a step that raises its energy is taken back and halved.
 """
 
@@ -18,8 +18,9 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from wildpuppet.fit import curvature, energy
+from wildpuppet.fit.data import data_term
 from wildpuppet.fit.pins import Pins
-from wildpuppet.fit.target import WHITE, Target, texture_for
+from wildpuppet.fit.target import Target, texture_for
 from wildpuppet.geometry.arap import ArapRest, arap_energy_and_gradient, arap_rest, best_scale_of
 from wildpuppet.pose.tree import part_areas
 from wildpuppet.render.render import Mesh, Texture, mesh_of, render
@@ -107,18 +108,14 @@ def make_problem(
 def energies(
     problem: Problem, vertices: Float[Tensor, "B V 2"]
 ) -> tuple[Float[Tensor, "B"], Float[Tensor, "B V 2"], dict[str, Float[Tensor, "B"]]]:
-    """Compute the whole energy per frame, its gradient (robust weights held fixed) and each term before weighting."""
+    """Compute the whole energy per frame, its gradient and each term before weighting."""
     settings = problem.settings
     moving = vertices.detach().requires_grad_()
     image = render(moving, problem.mesh, problem.texture, problem.order, problem.size).rgba
-    alpha = image[..., 3]
-    squares = ((problem.target.colour * alpha[..., None] - WHITE * image[..., :3]) ** 2).sum(-1) / 3
-    limit = settings.robust**2
-    with torch.no_grad():
-        weight = (1 + squares / limit) ** -2
-        robust = (squares / (1 + squares / limit)).sum((1, 2))
-    coverage = _coverage(problem.target.cover_gain, alpha) / problem.mask_pixels
-    reconstruction = (weight * squares).sum((1, 2)) / problem.mask_pixels
+    target, limit = problem.target, settings.robust**2
+    reconstruction, coverage = (
+        total / problem.mask_pixels for total in data_term(image, target.colour, target.cover_gain, limit)
+    )
     joints = energy.joint_distance(moving * problem.unit, *_joints(problem.puppet), slack=settings.joint_slack)
     with torch.no_grad():
         free = torch.from_numpy(best_scale_of(vertices.numpy(), problem.rest).astype(np.float32))
@@ -128,24 +125,16 @@ def energies(
     triangles = torch.from_numpy(problem.puppet.triangles.astype(np.int64))
     area = energy.layer_area(moving, expected, triangles, layer_of_triangle)
     per_frame = settings.reconstruction * (reconstruction + coverage) + settings.joints * joints
-    per_frame = per_frame + settings.area * area * problem.target.level**-4
+    per_frame = per_frame + settings.area * area * target.level**-4
     (gradient,) = torch.autograd.grad(per_frame.sum(), moving)
     stiff, stiff_gradient = arap_energy_and_gradient(vertices.numpy(), problem.rest, scale.numpy())
     arap = torch.from_numpy(stiff) * problem.unit**2
     gradient = gradient + settings.arap * problem.unit**2 * torch.from_numpy(stiff_gradient)
     terms = {
-        "reconstruction": robust / problem.mask_pixels, "coverage": coverage.detach(), "arap": arap,
-        "joints": joints.detach(),
-        "area": area.detach() * problem.target.level**-4,
+        "reconstruction": reconstruction.detach(), "coverage": coverage.detach(), "arap": arap,
+        "joints": joints.detach(), "area": area.detach() * target.level**-4,
     }  # fmt: skip
-    total = settings.reconstruction * (terms["reconstruction"] + terms["coverage"]) + settings.arap * arap
-    total = total + settings.joints * terms["joints"] + settings.area * terms["area"]
-    return total, gradient, terms
-
-
-def _coverage(gain: Float[Tensor, "B H W"], alpha: Float[Tensor, "B H W"]) -> Float[Tensor, "B"]:
-    """Charge character pixels that are left uncovered and background pixels that are covered; 0 is perfect."""
-    return (gain.clamp_min(0) - gain * alpha).sum((1, 2))
+    return per_frame.detach() + settings.arap * arap, gradient, terms
 
 
 def descend(

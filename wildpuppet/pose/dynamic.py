@@ -164,28 +164,15 @@ def child_modes(solution: Solution, child: int, parent_state: State, num: int) -
     link, costs = solution.links[child], solution.accumulated[child]
     num_angles, height, width = costs.shape
     pivots = np.array(parent_state[1:]) + link.from_parent[parent_state[0]] - link.from_child
-    turn = link.turn_of(np.arange(num_angles) - parent_state[0])
-    span = np.arange(1 - len(link.pull), len(link.pull))
-    pull = link.pull[np.abs(span)][:, None] + link.pull[np.abs(span)]
-    rows, columns = pivots[:, 1, None] + span, pivots[:, 0, None] + span
-    inside = ((rows >= 0) & (rows < height))[:, :, None] & ((columns >= 0) & (columns < width))[:, None]
-    window = costs[
-        np.arange(num_angles)[:, None, None], rows.clip(0, height - 1)[:, :, None], columns.clip(0, width - 1)[:, None]
-    ]
-    total = np.where(inside, window, OUTSIDE) + pull + turn[:, None, None]
-    flat = total.reshape(num_angles, -1)
-    place, least = flat.argmin(1), flat.min(1)
+    nearest, place = kernels.least_near(costs, pivots, link.pull, OUTSIDE)
+    least = nearest + link.turn_of(np.arange(num_angles) - parent_state[0])
     modes: list[tuple[float, State]] = []
     for angle in np.argsort(least):
         near = [abs((int(angle) - other[0] + num_angles // 2) % num_angles - num_angles // 2) for _, other in modes]
         if min(near, default=num_angles) < max(2, num_angles // 15):
             continue
-        dy, dx = divmod(int(place[angle]), len(span))
-        state = (
-            int(angle),
-            int(np.clip(columns[angle, dx], 0, width - 1)),
-            int(np.clip(rows[angle, dy], 0, height - 1)),
-        )
+        x, y = (int(along) for along in np.clip(place[angle], 0, (width - 1, height - 1)))
+        state = (int(angle), x, y)
         modes.append((float(least[angle]), state))
         if len(modes) == num:
             break

@@ -60,58 +60,118 @@ def _add_four(
         )  # fmt: skip
 
 
-@njit(parallel=True, cache=True, fastmath=RELAXED)
 def spring_transform(costs: Float[np.ndarray, "K H W"], pull: Float[np.ndarray, "R"]) -> Float[np.ndarray, "K H W"]:
-    """Take, at every position, the least of cost + pull[|dx|] + pull[|dy|], within the table's reach."""
-    num_angles, height = costs.shape[:2]
-    along = np.empty_like(costs)
+    """Take, at every position, the least of cost + pull[|dx|] + pull[|dy|], within the table's reach.
+
+    Where the table becomes a straight line after a convex start, as Huber's does, its long end is walked in strides
+    of 1, 2, 4 ...: the least over a convex sum of costs is the sum's least one after the other.
+    """
+    near = _start_of_line(pull)
+    strides: list[int] = []
+    left = len(pull) - 1 - near
+    while left:
+        strides.append(min(left, 2 ** len(strides)))
+        left -= strides[-1]
+    slope = float(pull[-1] - pull[-2]) if len(pull) > 1 else 0.0
+    return _spring_transform(costs, pull[: near + 1], np.array(strides, np.int64), slope)
+
+
+def _start_of_line(pull: Float[np.ndarray, "R"]) -> int:
+    """Find the gap from which a convex table is straight; its last one where it is not convex."""
+    rises = np.diff(pull.astype(np.float64))
+    noise = 1e-6 * float(np.abs(pull).max(initial=0))
+    if len(rises) == 0 or (np.diff(rises) < -noise).any() or rises[0] < 0:
+        return len(pull) - 1
+    return int(np.flatnonzero(rises >= rises[-1] - noise)[0])
+
+
+@njit(parallel=True, cache=True, fastmath=RELAXED)
+def _spring_transform(
+    costs: Float[np.ndarray, "K H W"], near: Float[np.ndarray, "n"], strides: Int[np.ndarray, "s"], slope: float
+) -> Float[np.ndarray, "K H W"]:
+    """Pull along rows, then along columns: first by the table ``near``, then by each stride at ``slope`` a pixel."""
+    num_angles, height, width = costs.shape
+    pad = len(near)
+    for stride in strides:
+        pad = max(pad, stride)
     result = np.empty_like(costs)
     for angle in prange(num_angles):
+        row, next_row = np.full(width + 2 * pad, np.inf, np.float32), np.full(width + 2 * pad, np.inf, np.float32)
+        plane = np.full((height + 2 * pad, width), np.inf, np.float32)
+        next_plane = np.full((height + 2 * pad, width), np.inf, np.float32)
         for y in range(height):
-            _pull_along_row(costs, along, angle, y, pull)
-        for y in range(height):
-            _pull_along_columns(along, result, angle, y, pull)
+            row[pad : pad + width] = costs[angle, y]
+            _pull_by_table(row, next_row, near, pad, width)
+            for stride in strides:
+                row, next_row = next_row, row
+                _pull_by_stride(row, next_row, stride, stride * slope, pad, width)
+            plane[y + pad] = next_row[pad : pad + width]
+        for y in range(pad, pad + height):
+            next_plane[y] = plane[y]
+            for step in range(1, len(near)):
+                _least_of_three(next_plane[y], plane[y - step], plane[y + step], near[step])
+        for stride in strides:
+            plane, next_plane = next_plane, plane
+            for y in range(pad, pad + height):
+                next_plane[y] = plane[y]
+                _least_of_three(next_plane[y], plane[y - stride], plane[y + stride], stride * slope)
+        result[angle] = next_plane[pad : pad + height]
     return result
 
 
-@njit(cache=True, fastmath=True)
-def _pull_along_row(
-    costs: Float[np.ndarray, "K H W"],
-    result: Float[np.ndarray, "K H W"],
-    angle: int,
-    y: int,
-    pull: Float[np.ndarray, "R"],
+@njit(cache=True, fastmath=RELAXED, inline="always")
+def _pull_by_table(
+    row: Float[np.ndarray, "p"], result: Float[np.ndarray, "p"], near: Float[np.ndarray, "n"], pad: int, width: int
 ) -> None:
-    width = costs.shape[2]
-    for x in range(width):
-        result[angle, y, x] = costs[angle, y, x]
-    for step in range(1, len(pull)):
-        extra = pull[step]
-        for x in range(width - step):
-            result[angle, y, x] = min(result[angle, y, x], costs[angle, y, x + step] + extra)
-        for x in range(step, width):
-            result[angle, y, x] = min(result[angle, y, x], costs[angle, y, x - step] + extra)
+    result[pad : pad + width] = row[pad : pad + width]
+    for step in range(1, len(near)):
+        _pull_from(row, result, step, near[step], pad, width)
 
 
-@njit(cache=True, fastmath=True)
-def _pull_along_columns(
-    costs: Float[np.ndarray, "K H W"],
-    result: Float[np.ndarray, "K H W"],
-    angle: int,
-    y: int,
-    pull: Float[np.ndarray, "R"],
+@njit(cache=True, fastmath=RELAXED, inline="always")
+def _pull_by_stride(
+    row: Float[np.ndarray, "p"], result: Float[np.ndarray, "p"], stride: int, extra: float, pad: int, width: int
 ) -> None:
-    height, width = costs.shape[1:]
-    for x in range(width):
-        result[angle, y, x] = costs[angle, y, x]
-    for step in range(1, len(pull)):
-        extra = pull[step]
-        if y + step < height:
-            for x in range(width):
-                result[angle, y, x] = min(result[angle, y, x], costs[angle, y + step, x] + extra)
-        if y - step >= 0:
-            for x in range(width):
-                result[angle, y, x] = min(result[angle, y, x], costs[angle, y - step, x] + extra)
+    result[pad : pad + width] = row[pad : pad + width]
+    _pull_from(row, result, stride, extra, pad, width)
+
+
+@njit(cache=True, fastmath=RELAXED, inline="always")
+def _pull_from(
+    row: Float[np.ndarray, "p"], result: Float[np.ndarray, "p"], step: int, extra: float, pad: int, width: int
+) -> None:
+    end = pad + width
+    _least_of_three(result[pad:end], row[pad - step : end - step], row[pad + step : end + step], extra)
+
+
+@njit(cache=True, fastmath=RELAXED, inline="always")
+def _least_of_three(
+    best: Float[np.ndarray, "W"], before: Float[np.ndarray, "W"], after: Float[np.ndarray, "W"], extra: float
+) -> None:
+    pull = np.float32(extra)
+    for x in range(len(best)):
+        best[x] = min(best[x], min(before[x], after[x]) + pull)
+
+
+@njit(cache=True, fastmath=RELAXED)
+def least_near(
+    costs: Float[np.ndarray, "K H W"], pivots: Int[np.ndarray, "K 2"], pull: Float[np.ndarray, "R"], outside: float
+) -> tuple[Float[np.ndarray, "K"], Int[np.ndarray, "K 2"]]:
+    """Find, for each angle, the least of cost + pull[|dx|] + pull[|dy|] around its pivot, and its place (x, y)."""
+    num_angles, height, width = costs.shape
+    least, place = np.full(num_angles, np.inf, np.float32), np.zeros((num_angles, 2), np.int64)
+    reach = len(pull) - 1
+    for angle in range(num_angles):
+        for dy in range(-reach, reach + 1):
+            y = pivots[angle, 1] + dy
+            for dx in range(-reach, reach + 1):
+                x = pivots[angle, 0] + dx
+                inside = 0 <= x < width and 0 <= y < height
+                total = (costs[angle, y, x] if inside else np.float32(outside)) + (pull[abs(dy)] + pull[abs(dx)])
+                if total < least[angle]:
+                    least[angle] = total
+                    place[angle] = x, y
+    return least, place
 
 
 @njit(parallel=True, cache=True, fastmath=RELAXED)
