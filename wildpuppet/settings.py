@@ -100,6 +100,8 @@ class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Pixels and angles of a first search of unordered drawings, as a share of the fine one's; 0 leaves it out."""
     num_best: Annotated[int, Meta(ge=1, le=64)] = 8
     """Hypotheses kept per frame, beside those in which twin limbs trade places."""
+    sweeps: Annotated[int, Meta(ge=0, le=10)] = 2
+    """How often every limb of the best pose is taken off and hung anew, while that helps."""
     colours: Annotated[int, Meta(ge=2, le=64)] = 20
     """Palette size of the part templates. Higher tells similar shades apart and costs time."""
     hinge_slack: Positive = 0.03

@@ -307,7 +307,7 @@ CONFIDENCE = Stage("confidence", 3, (), _confidence, disk.save_fit, disk.load_fi
 REUSE = Stage("reuse", 1, ("crop",), _reuse, disk.save_numbers, disk.load_numbers)
 EXPOSURE = Stage("exposure", 1, (), _exposure, disk.save_files, disk.load_folder)
 MESHES = Stage("meshes", 1, ("out",), _meshes, disk.save_files, disk.load_folder)
-PREVIEW = Stage("preview", 2, (), _preview, disk.save_files, disk.load_folder)
+PREVIEW = Stage("preview", 3, (), _preview, disk.save_files, disk.load_folder)
 
 STAGES = (
     PROBE, TRACK, CROP, DRAWINGS, AUTOMATIC, PUPPET, PLACE, HINGES, SEARCH_PART, SEARCH, KEYFRAMES_PART,

@@ -63,9 +63,11 @@ class Frame(Protocol):
         ...
 
 
-def best_candidates(
-    frame: Frame, starts: list[Candidate], num_best: int, rounds: int = 2
-) -> list[tuple[float, Candidate]]:
+ROUNDS = 2
+"""How often the limbs' next choices, swaps and orders are tried from the best poses."""
+
+
+def best_candidates(frame: Frame, starts: list[Candidate], num_best: int, sweeps: int) -> list[tuple[float, Candidate]]:
     """Search from the root's best modes and from ``starts``; return distinct poses, best first."""
     solution, twins = frame.solution, frame.twins
     order = tuple(range(len(solution.images)))
@@ -79,7 +81,7 @@ def best_candidates(
     first = [Candidate(_completed(solution, state), order) for _, state in root_modes(solution, 3, 6)]
     consider(first + starts)
     expanded: set[Candidate] = set()
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         beam = [c for c in sorted(pool, key=pool.__getitem__)[:3] if c not in expanded]
         if not beam:
             break
@@ -88,7 +90,7 @@ def best_candidates(
             consider(list(_limb_moves(solution, candidate)) + list(_swaps(solution, candidate, twins)))
         top = min(pool, key=pool.__getitem__)
         consider(list(_reorders(solution.tree, top)))
-    _rehang_limbs(frame, pool, consider)
+    _rehang_limbs(frame, sweeps, pool, consider)
     top = min(pool, key=pool.__getitem__)
     cost, renamed = _renamed(frame, top, pool[top])
     pool[renamed] = min(cost, pool.get(renamed, cost))
@@ -103,16 +105,16 @@ def best_candidates(
 
 SISTERS = 8
 """Pairs of twins, the largest, that are hung anew together."""
-SWEEPS = 2
-"""How often every limb of the best pose is taken off and hung anew."""
 
 
-def _rehang_limbs(frame: Frame, pool: dict[Candidate, float], consider: Callable[[list[Candidate]], None]) -> None:
+def _rehang_limbs(
+    frame: Frame, sweeps: int, pool: dict[Candidate, float], consider: Callable[[list[Candidate]], None]
+) -> None:
     """Seat the root and hang every limb of the best pose anew, then both of every pair of sisters, while that helps."""
     tree = frame.solution.tree
     parents = {edge.child: edge.parent for edge in tree.edges}
     sisters = [pair for pair in frame.twins if parents[pair[0][0]] == parents[pair[1][0]]]
-    for _ in range(SWEEPS):
+    for _ in range(sweeps):
         before = min(pool.values())
         consider([frame.reseat(min(pool, key=pool.__getitem__))])
         for head in limb_heads(tree):

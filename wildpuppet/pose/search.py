@@ -216,7 +216,9 @@ def expected_sizes(searcher: Searcher, crops: Crops, placement: Float[np.ndarray
 
 
 def _best_of(look: Look, starts: list[Start]) -> list[tuple[float, Candidate]]:
-    return best_candidates(look, [look.nearest(maps, order) for maps, order in starts], look.searcher.settings.num_best)
+    settings = look.searcher.settings
+    nearest = [look.nearest(maps, order) for maps, order in starts]
+    return best_candidates(look, nearest, settings.num_best, settings.sweeps)
 
 
 def _better_size(look: Look, candidate: Candidate, step: float, expected: Expected, frame: int) -> int:

@@ -9,6 +9,7 @@ by less than about a pixel from there does not count as a new drawing.
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 from scipy import ndimage
@@ -82,9 +83,9 @@ def largest_change(
     first: Float[np.ndarray, "H W 3"], second: Float[np.ndarray, "H W 3"], cover: Float[np.ndarray, "H W"]
 ) -> float:
     """Give the largest mean change (0..255) of any block, less what its own contrast explains."""
-    size = (3, 3, 1)
-    lowest, highest = ndimage.minimum_filter(first, size), ndimage.maximum_filter(first, size)
-    low, high = ndimage.minimum_filter(second, size), ndimage.maximum_filter(second, size)
+    around = np.ones((3, 3), np.uint8)
+    lowest, highest = cv2.erode(first, around), cv2.dilate(first, around)
+    low, high = cv2.erode(second, around), cv2.dilate(second, around)
     outside = np.maximum(np.maximum(first - high, low - first), np.maximum(second - highest, lowest - second))
     contrast = np.maximum(highest - lowest, high - low)
     excess = np.maximum(outside, 0.0).mean(-1) - CONTRAST_TOLERANCE * contrast.mean(-1)

@@ -15,6 +15,8 @@ from wildpuppet.video.encode import written_beside
 
 QUALITY = 18
 """x264's CRF; 18 is hard to tell from the source, 6 more halves the file."""
+PRESET = "veryfast"
+"""x264's preset: a third of the time of its usual one, for a preview that is a little larger."""
 THREADS = 4
 """Fixed, because the bytes depend on it."""
 SAME_BYTES = "mbtree=0"
@@ -42,7 +44,7 @@ def write_preview(
     with written_beside(path, "mp4", movflags="+faststart") as container:
         times = (np.asarray(pts, np.int64) - int(pts[0])).tolist()
         stream = container.add_stream(
-            "libx264", options={"crf": str(QUALITY), "preset": "medium", "x264-params": SAME_BYTES}
+            "libx264", options={"crf": str(QUALITY), "preset": PRESET, "x264-params": SAME_BYTES}
         )
         _describe(stream, first, time_base)
         durations = np.diff(times, append=2 * times[-1] - times[-2] if len(times) > 1 else 1).tolist()
