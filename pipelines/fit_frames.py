@@ -5,9 +5,11 @@ Long stages go in chunks that are kept one by one.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import groupby
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
 from wildpuppet import stages
 from wildpuppet.store import Kept, digest_of, given
@@ -90,13 +92,19 @@ def _alone(poses: Poses) -> Hypotheses:
 def search(
     keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops], placement: Kept[Any], frames: Frames
 ) -> Kept[Hypotheses]:
-    """Walk from the reference both ways; each chunk starts from the size that the one before ended with."""
-    parts: list[Kept[Any]] = []
+    """Walk from the reference both ways; each chunk starts from the size that the one before ended with.
+
+    Chunks end with their shot; another shot's first starts from the size that is expected there.
+    """
+    shots, parts = crops.value.shot, list[Kept[Any]]()
     order: list[int] = []
     with keeper.step(stages.SEARCH.name, frames.number):
         for walk in frames.walks():
-            size = placement.derived("size", _size_of)
-            for chunk in _chunks(walk):
+            size: Kept[Any] = placement.derived("size", _size_of)
+            last = frames.reference or 0
+            for chunk in _chunks(walk, shots):
+                if shots[chunk[0]] != shots[last]:
+                    size = given(None, "as expected")
                 indices = given(np.array(chunk), chunk)
                 part = keeper.keep(
                     stages.SEARCH_PART, weight=len(chunk), puppet=puppet, crops=crops, placement=placement, size=size,
@@ -105,6 +113,7 @@ def search(
                 size = part.derived("size_after", _size_after)
                 parts.append(part)
                 order += chunk
+                last = chunk[-1]
         return keeper.keep(stages.SEARCH, weight=0.0, parts=parts, frames=given(order))
 
 
@@ -177,6 +186,8 @@ def poses_in(poses: Kept[Poses], span: slice) -> Kept[Poses]:
     return given(poses.value, digest_of([[str(array.dtype), array.shape, array.tobytes().hex()] for array in arrays]))
 
 
-def _chunks(indices: list[int]) -> Iterator[list[int]]:
-    for first in range(0, len(indices), CHUNK):
-        yield indices[first : first + CHUNK]
+def _chunks(indices: list[int], shots: Int[np.ndarray, "T"]) -> Iterator[list[int]]:
+    for _, group in groupby(indices, lambda index: int(shots[index])):
+        of_shot = list(group)
+        for first in range(0, len(of_shot), CHUNK):
+            yield of_shot[first : first + CHUNK]
