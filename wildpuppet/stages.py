@@ -116,7 +116,7 @@ def _search_part(
     puppet: Puppet,
     crops: Crops,
     placement: Float[np.ndarray, "2 3"],
-    size: float,
+    size: float | None,
     frames: Int[np.ndarray, "n"],
     settings: SearchSettings,
     machine: Machine,
