@@ -129,11 +129,11 @@ class FitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     method: Literal["descent", "network"] = "descent"
     """descent: search, then exact-gradient descent on vertices; network: the paper's deformation network."""
-    steps: Annotated[int, Meta(ge=0, le=100000)] = 60
+    steps: Annotated[int, Meta(ge=0, le=100000)] = 100
     """Descent steps; each pyramid level takes its share of them."""
     levels: tuple[tuple[float, float, float], ...] = ((0.3, 0.4, 0.0), (0.6, 0.2, 0.3), (1.0, 0.0, 0.4))
     """Pyramid, coarse to fine: (crop scale, share of steps on whole parts, share on parts and mesh)."""
-    robust: Positive = 40.0
+    robust: Positive = 60.0
     """Grey levels beyond which a wrong pixel counts no more than a very wrong one."""
     matte: NotNegative = 0.5
     """Price of a wrongly covered or uncovered pixel, as a share of a very wrong colour's."""
