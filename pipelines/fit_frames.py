@@ -5,6 +5,7 @@ Long stages go in chunks that are kept one by one.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -63,7 +64,34 @@ def fit_frames(
         fit = keeper.keep(stages.TRAIN, puppet=puppet, crops=crops, poses=poses, frames=given(training))
     else:
         fit = descend(keeper, puppet, crops, poses, frames, keyframes)
-    return keeper.keep(stages.CONFIDENCE, puppet=puppet, crops=crops, hypotheses=hypotheses, poses=poses, fit=fit)
+    fit = keeper.keep(stages.CONFIDENCE, puppet=puppet, crops=crops, hypotheses=hypotheses, poses=poses, fit=fit)
+    if keeper.settings.distil.iterations and keeper.settings.fit.method == "descent" and crops.value.ordered:
+        fit = fit_again(keeper, puppet, crops, poses, fit, frames, keyframes)
+        poses = fit.derived("its poses", partial(_poses_of, puppet.value))
+        fit = keeper.keep(stages.CONFIDENCE, puppet=puppet, crops=crops, hypotheses=hypotheses, poses=poses, fit=fit)
+    return fit
+
+
+def fit_again(
+    keeper: Keeper,
+    puppet: Kept[Puppet],
+    crops: Kept[Crops],
+    poses: Kept[Poses],
+    fit: Kept[Fit],
+    frames: Frames,
+    keyframes: Keyframes,
+) -> Kept[Fit]:
+    """Descend once more from what a network, trained on the fit, reads; keep the better fit of each drawing."""
+    read = keeper.keep(stages.DISTIL, puppet=puppet, crops=crops, poses=poses, fit=fit)
+    again = descend(keeper, puppet, crops, read, frames, keyframes)
+    return keeper.keep(stages.BETTER, crops=crops, first=fit, second=again)
+
+
+def _poses_of(puppet: Puppet, fit: Fit) -> Poses:
+    from wildpuppet.deform.distil import as_poses
+
+    nothing = np.zeros(len(fit.frames))
+    return Poses(as_poses(puppet, fit.vertices_crop), fit.order, nothing, nothing)
 
 
 def find_poses(

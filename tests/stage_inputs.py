@@ -14,6 +14,7 @@ from PIL import Image
 
 from tests.scene_values import crops_of, standing_poses, true_poses, true_vertices
 from tests.scenes import Scene, make_scene, write_clip
+from wildpuppet.fit.descent import LOSS_NAMES
 from wildpuppet.machine import Machine
 from wildpuppet.puppet.build import build
 from wildpuppet.settings import ProbeSettings, PuppetSettings
@@ -114,6 +115,11 @@ class Drawn:
         state = ("fitted", "held", "doubtful", "held")
         return Fit(np.arange(FRAMES), vertices, self.scene.order, confidence, state)
 
+    def with_losses(self, share: float) -> Fit:
+        """The fit with an energy, moved by ``share`` pixels."""
+        losses = {name: share * np.array([1.0, 1.0, 3.0, 3.0]) for name in LOSS_NAMES}
+        return replace(self.fit, vertices_crop=self.fit.vertices_crop + np.float32(share), losses=losses)
+
     def pieces(self, value: Any, names: tuple[str, ...]) -> list[Any]:
         """Cut a value into two along its frames."""
         halves = (slice(0, 2), slice(2, FRAMES))
@@ -146,6 +152,8 @@ INPUTS: dict[str, Callable[[Drawn], tuple[Any, ...]]] = {
     "fit.part": lambda drawn: (drawn.puppet, drawn.crops, drawn.poses, slice(0, FRAMES)),
     "fit.keyed": lambda drawn: (drawn.puppet, drawn.crops, drawn.poses, slice(0, FRAMES), [drawn.keyframe]),
     "fit": lambda drawn: (drawn.pieces(drawn.fit, FIT),),
+    "distil": lambda drawn: (drawn.puppet, drawn.crops, drawn.poses, drawn.fit),
+    "better": lambda drawn: (drawn.crops, drawn.with_losses(2.0), drawn.with_losses(1.0)),
     "train": lambda drawn: (drawn.puppet, drawn.crops, drawn.poses, [0, 1, 2]),
     "confidence": lambda drawn: (drawn.puppet, drawn.crops, drawn.hypotheses, drawn.poses, drawn.fit),
     "reuse": lambda drawn: (drawn.crops,),

@@ -32,6 +32,7 @@ QUICK = {
     "puppet": {"edge": 0.25},
     "search": {"box_pixels": 32, "angles": 12, "num_best": 3},
     "fit": {"steps": 6},
+    "distil": {"iterations": 2},
     "train": {"iterations": 2, "encoder_pixels": 16, "code": 16},
     "out": {"meshes": "obj"},
 }

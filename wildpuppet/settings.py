@@ -153,6 +153,15 @@ class FitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Seed of every random choice."""
 
 
+class DistilSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Fit, distil, refit: a network learns from the clip's fits; every frame is fitted again from what it reads."""
+
+    iterations: Annotated[int, Meta(ge=0)] = 0
+    """Training steps; 0 leaves the first fit as it is. 1000 take a minute or two, in clips alone."""
+    seed: int = 0
+    """Seed of initial weights and batches."""
+
+
 class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Training the deformation network (fit.method = "network")."""
 
@@ -232,6 +241,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     auto: AutoSettings = AutoSettings()
     search: SearchSettings = SearchSettings()
     fit: FitSettings = FitSettings()
+    distil: DistilSettings = DistilSettings()
     train: TrainSettings = TrainSettings()
     out: OutSettings = OutSettings()
 

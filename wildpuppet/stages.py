@@ -18,6 +18,7 @@ from wildpuppet.machine import Machine, Progress
 from wildpuppet.settings import (
     AutoSettings,
     CropSettings,
+    DistilSettings,
     FitSettings,
     OutSettings,
     ProbeSettings,
@@ -203,6 +204,26 @@ def _fit(parts: list[Fit], machine: Machine) -> Fit:
     return join(parts)
 
 
+def _distil(
+    puppet: Puppet,
+    crops: Crops,
+    poses: Poses,
+    fit: Fit,
+    settings: DistilSettings,
+    machine: Machine,
+    checkpoint: Path,
+) -> Poses:
+    from wildpuppet.deform.distil import distil
+
+    return distil(puppet, crops, poses, fit, settings, machine, checkpoint)
+
+
+def _better(crops: Crops, first: Fit, second: Fit, settings: FitSettings, machine: Machine) -> Fit:
+    from wildpuppet.fit.better import better
+
+    return better(crops, first, second, settings)
+
+
 def _train(
     puppet: Puppet,
     crops: Crops,
@@ -302,6 +323,8 @@ REST = Stage("rest", 1, (), _rest, disk.save_poses, disk.load_poses)
 FIT_PART = Stage("fit.part", 4, ("fit",), _fit_part, disk.save_fit, disk.load_fit)
 FIT_KEYED = Stage("fit.keyed", FIT_PART.version, ("fit",), _fit_keyed, disk.save_fit, disk.load_fit)
 FIT = Stage("fit", 1, (), _fit, disk.save_fit, disk.load_fit)
+DISTIL = Stage("distil", 1, ("distil",), _distil, disk.save_poses, disk.load_poses, has_checkpoint=True)
+BETTER = Stage("better", 1, ("fit",), _better, disk.save_fit, disk.load_fit)
 TRAIN = Stage("train", 2, ("train", "fit"), _train, disk.save_fit, disk.load_fit, has_checkpoint=True)
 CONFIDENCE = Stage("confidence", 3, (), _confidence, disk.save_fit, disk.load_fit)
 REUSE = Stage("reuse", 1, ("crop",), _reuse, disk.save_numbers, disk.load_numbers)
@@ -311,7 +334,8 @@ PREVIEW = Stage("preview", 3, (), _preview, disk.save_files, disk.load_folder)
 
 STAGES = (
     PROBE, TRACK, CROP, DRAWINGS, AUTOMATIC, PUPPET, PLACE, HINGES, SEARCH_PART, SEARCH, KEYFRAMES_PART,
-    KEYFRAMES, CHOOSE, REST, FIT_PART, FIT_KEYED, FIT, TRAIN, CONFIDENCE, REUSE, EXPOSURE, MESHES, PREVIEW,
+    KEYFRAMES, CHOOSE, REST, FIT_PART, FIT_KEYED, FIT, DISTIL, BETTER, TRAIN, CONFIDENCE, REUSE, EXPOSURE, MESHES,
+    PREVIEW,
 )  # fmt: skip
 NAMES = tuple(stage.name for stage in STAGES if "." not in stage.name)
 """What ``--until`` and ``--redo`` take."""

@@ -13,13 +13,21 @@ from wildpuppet.settings import Settings
 
 
 def test_presets_that_come_along_are_found_and_say_when_to_use_them() -> None:
-    assert {"fast", "paper"} <= set(preset_names())
+    assert {"best", "fast", "paper"} <= set(preset_names())
     for name in preset_names():
         assert (CONFIGS / f"{name}.toml").read_text().startswith(f"# {name}: ")
         assert read_preset(name) != Settings()
 
 
+LIGHT = ("--crop.box-pixels=64", "--search.box-pixels=24", "--search.num-best=1", "--fit.steps=3")
 SHORT = {
+    "best": (
+        "--crop.box-pixels=64",
+        "--search.box-pixels=24",
+        "--search.num-best=1",
+        "--fit.steps=3",
+        "--distil.iterations=2",
+    ),
     "fast": ("--crop.box-pixels=64", "--search.box-pixels=24", "--search.num-best=1", "--fit.steps=3"),
     "paper": ("--crop.box-pixels=64", "--puppet.edge=0.25", "--train.iterations=2", "--train.encoder-pixels=16"),
 }
