@@ -41,10 +41,10 @@ def test_energy_weighs_every_term():
 
 def test_a_drawing_takes_the_second_fit_unless_its_energy_is_much_higher(crops):
     first = fit_with([10, 10, 10, 10, 10, 10], 1.0)
-    second = fit_with([10, 11.9, 10 * TRUST + 0.1, 5, 16, 11], 2.0)
+    second = fit_with([10, 10.5, 10 * TRUST + 0.1, 5, 15, 11], 2.0)
     found = better(crops, first, second, SETTINGS)
     chosen = np.array([2, 2, 1, 2, 2, 2])  # of a held drawing all frames count together
     np.testing.assert_array_equal(found.vertices_crop[:, 0, 0], chosen)
     np.testing.assert_allclose(found.confidence[:, 0], chosen / 10)
-    np.testing.assert_allclose(energy_of(found, SETTINGS), [10, 11.9, 10, 5, 16, 11])
+    np.testing.assert_allclose(energy_of(found, SETTINGS), [10, 10.5, 10, 5, 15, 11])
     np.testing.assert_array_equal(found.frames, first.frames)

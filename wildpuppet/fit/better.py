@@ -9,7 +9,7 @@ from wildpuppet.fit.descent import LOSS_NAMES
 from wildpuppet.settings import FitSettings
 from wildpuppet.types import Crops, Fit
 
-TRUST = 1.1
+TRUST = 1.05
 """The second fit is taken up to so many times the first one's energy.
 
 It starts from what all frames together say, and a limb in the wrong place can have the lower pixel error (METHOD).
