@@ -46,6 +46,7 @@ ABLATIONS = {
     "no-matte-term": Ablation("the descent matches colours alone, no outline", {"fit": {"matte": 0.0}}),
     "no-arap": Ablation("meshes bend as they like", {"fit": {"arap": 25.0}}),
     "no-hinges": Ablation("parts come apart as they like", {"fit": {"joints": 0.0}}),
+    "best": Ablation("the preset best", preset="best", is_slow=True),
     "fast": Ablation("the preset fast", preset="fast"),
     "paper": Ablation("the preset paper", preset="paper", is_slow=True),
 }
