@@ -19,6 +19,8 @@ from wildpuppet.pose.similarity import similarities
 from wildpuppet.settings import DistilSettings
 from wildpuppet.types import Crops, Fit, Poses, Puppet
 
+MOST_DRAWINGS = 400
+"""Drawings that are learnt from, evenly chosen; their pictures are held in memory."""
 READ = 0.1
 """Share of the progress that reading the frames takes."""
 
@@ -40,6 +42,7 @@ def distil(
     rows = taught_frames(crops, fit, np.zeros(0, np.int64))
     if len(rows) < LEAST_FRAMES:
         return poses
+    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), MOST_DRAWINGS)).round().astype(np.int64)]
     train = msgspec.structs.replace(OURS, iterations=settings.iterations, seed=settings.seed)
     lesson = lesson_of(puppet, crops, fit, rows, train.code, train.encoder_pixels)
     total = round(train.iterations / (1 - READ))
