@@ -38,6 +38,7 @@ def judged(kind: Kind, camera: Camera, folder: Path) -> Judged:
     write_cutout(scene.cutout, folder / "puppet")
     box = ",".join(f"{side:g}" for side in scene.boxes[AT])
     words = ["run", str(folder / "clip.mp4"), "--bbox", box, "--at", str(AT), "--puppet", str(folder / "puppet")]
+    words += ["--out.preview", "False"]
     words += ["--search.hinge-drawings", "4"]  # the hinges are drawn where they are: a look at a few drawings is enough
     assert run_command([*words, "--out", str(folder / "out"), "--store", str(folder / "store")]) == 0
     truth, visible, parts = points_all_over(scene)

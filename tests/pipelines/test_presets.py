@@ -19,7 +19,10 @@ def test_presets_that_come_along_are_found_and_say_when_to_use_them() -> None:
         assert read_preset(name) != Settings()
 
 
-LIGHT = ("--crop.box-pixels=64", "--search.box-pixels=24", "--search.num-best=1", "--fit.steps=3")
+LIGHT = (
+    "--crop.box-pixels=64", "--search.box-pixels=24", "--search.angles=8", "--search.num-best=1",
+    "--search.hinge-drawings=0", "--fit.steps=3",
+)  # fmt: skip
 SHORT = {
     "best": (
         "--crop.box-pixels=64",
