@@ -64,27 +64,16 @@ def fit_frames(
         fit = keeper.keep(stages.TRAIN, puppet=puppet, crops=crops, poses=poses, frames=given(training))
     else:
         fit = descend(keeper, puppet, crops, poses, frames, keyframes)
-    fit = keeper.keep(stages.CONFIDENCE, puppet=puppet, crops=crops, hypotheses=hypotheses, poses=poses, fit=fit)
+    trusted = keeper.keep(stages.CONFIDENCE, puppet=puppet, crops=crops, hypotheses=hypotheses, poses=poses, fit=fit)
     if keeper.settings.distil.iterations and keeper.settings.fit.method == "descent" and crops.value.ordered:
-        fit = fit_again(keeper, puppet, crops, poses, fit, frames, keyframes)
+        read = keeper.keep(stages.DISTIL, puppet=puppet, crops=crops, poses=poses, fit=trusted)
+        again = descend(keeper, puppet, crops, read, frames, keyframes)
+        fit = keeper.keep(stages.BETTER, crops=crops, first=fit, second=again)
         poses = fit.derived("its poses", partial(_poses_of, puppet.value))
-        fit = keeper.keep(stages.CONFIDENCE, puppet=puppet, crops=crops, hypotheses=hypotheses, poses=poses, fit=fit)
-    return fit
-
-
-def fit_again(
-    keeper: Keeper,
-    puppet: Kept[Puppet],
-    crops: Kept[Crops],
-    poses: Kept[Poses],
-    fit: Kept[Fit],
-    frames: Frames,
-    keyframes: Keyframes,
-) -> Kept[Fit]:
-    """Descend once more from what a network, trained on the fit, reads; keep the better fit of each drawing."""
-    read = keeper.keep(stages.DISTIL, puppet=puppet, crops=crops, poses=poses, fit=fit)
-    again = descend(keeper, puppet, crops, read, frames, keyframes)
-    return keeper.keep(stages.BETTER, crops=crops, first=fit, second=again)
+        trusted = keeper.keep(
+            stages.CONFIDENCE, puppet=puppet, crops=crops, hypotheses=hypotheses, poses=poses, fit=fit
+        )
+    return trusted
 
 
 def _poses_of(puppet: Puppet, fit: Fit) -> Poses:

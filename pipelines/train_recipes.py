@@ -122,15 +122,14 @@ def trained(material: Material, recipe: Recipe, settings: Settings, machine: Mac
 
 
 def _ours(material: Material, settings: Settings, machine: Machine, checkpoint: Path, tell: Tell) -> Model:
-    from wildpuppet.deform.lesson import lesson_of, taught_frames
-    from wildpuppet.deform.teach import teach
+    from wildpuppet.deform.lesson import taught_frames
+    from wildpuppet.deform.teach import taught
 
     assert material.fit is not None, "our recipe learns from fits"
-    crops, train = material.crops, settings.train
-    rows = taught_frames(crops, material.fit, np.array(material.hold_out, np.int64))
-    lesson = lesson_of(material.puppet, crops, material.fit, rows, train.code, train.encoder_pixels)
-    network, losses = teach(lesson, train, checkpoint, tell)
-    return Model(material.puppet, crops.size, network, train, "ours", not crops.ordered, material.hold_out, losses)
+    rows = taught_frames(material.crops, material.fit, np.array(material.hold_out, np.int64))
+    return taught(
+        material.puppet, material.crops, material.fit, rows, settings.train, material.hold_out, checkpoint, tell
+    )
 
 
 def _as_printed(material: Material, settings: Settings, machine: Machine, checkpoint: Path, tell: Tell) -> Model:

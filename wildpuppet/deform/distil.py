@@ -10,9 +10,9 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 
-from wildpuppet.deform.lesson import LEAST_FRAMES, lesson_of, taught_frames
+from wildpuppet.deform.lesson import LEAST_FRAMES, taught_frames
 from wildpuppet.deform.model import Model
-from wildpuppet.deform.teach import OURS, teach
+from wildpuppet.deform.teach import OURS, taught
 from wildpuppet.machine import Machine
 from wildpuppet.pose.pieces import pieces_of
 from wildpuppet.pose.similarity import similarities
@@ -37,17 +37,19 @@ def distil(
     """Train our network on ``fit`` (with its confidence) and give the poses that it reads in every frame.
 
     Draw orders, costs and margins stay those of ``poses``; so do the poses where the character is lost, and all of
-    them where there are too few drawings to learn from. Raises StoreError as ``teach`` does.
+    them where there are too few drawings to learn from. Raises StoreError as ``taught`` does.
     """
     rows = taught_frames(crops, fit, np.zeros(0, np.int64))
     if len(rows) < LEAST_FRAMES:
         return poses
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), MOST_DRAWINGS)).round().astype(np.int64)]
     train = msgspec.structs.replace(OURS, iterations=settings.iterations, seed=settings.seed)
-    lesson = lesson_of(puppet, crops, fit, rows, train.code, train.encoder_pixels)
     total = round(train.iterations / (1 - READ))
-    network, _ = teach(lesson, train, checkpoint, lambda done, _, losses: machine.progress(done, total))
-    model = Model(puppet, crops.size, network, train, "ours", not crops.ordered, ())
+
+    def tell(done: int, _: int, losses: dict[str, float]) -> None:
+        machine.progress(done, total)
+
+    model = taught(puppet, crops, fit, rows, train, checkpoint=checkpoint, tell=tell)
     maps = as_poses(puppet, np.concatenate([_read(model, crops, index) for index in range(len(crops.frames))]))
     machine.progress(total, total)
     is_lost = np.array(crops.state) == "lost"

@@ -14,17 +14,19 @@ import cv2
 import msgspec
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 from torch import Tensor
 from torch.nn import functional
 
 from wildpuppet.deform.checkpoint import Progress, load_checkpoint, save_checkpoint
 from wildpuppet.deform.learn import one_thread
-from wildpuppet.deform.lesson import FINER, WHITE, Lesson
+from wildpuppet.deform.lesson import FINER, WHITE, Lesson, lesson_of
+from wildpuppet.deform.model import Model
 from wildpuppet.deform.poses import draw, in_light, sample_orders, sample_poses
 from wildpuppet.deform.reader import PuppetNetwork, points_of
 from wildpuppet.deform.skeleton import vertices_of
 from wildpuppet.settings import TrainSettings
+from wildpuppet.types import Crops, Fit, Puppet
 
 OURS = TrainSettings(iterations=2000, batch=24, learning_rate=1.0e-3, code=96, encoder_pixels=96)
 """Our recipe's defaults, some four minutes on a quiet core; the other fields of ``TrainSettings`` are the paper's."""
@@ -46,6 +48,22 @@ RIDGE, RIDGE_SAMPLES = 0.3, 3000
 Batch = tuple[Float[Tensor, "B 3 P P"], Float[Tensor, "B V 2"], Float[Tensor, "B V"], Float[Tensor, "m Z"]]
 Tell = Callable[[int, int, dict[str, float]], None]
 """Called as tell(done, total, losses of this step), errors in crop pixels."""
+
+
+def taught(
+    puppet: Puppet,
+    crops: Crops,
+    fit: Fit,
+    rows: Int[np.ndarray, "D"],
+    train: TrainSettings,
+    hold_out: tuple[int, ...] = (),
+    checkpoint: Path | None = None,
+    tell: Tell | None = None,
+) -> Model:
+    """Train a model on the frames ``rows`` of a fit; raises as ``lesson_of`` and ``teach`` do."""
+    lesson = lesson_of(puppet, crops, fit, rows, train.code, train.encoder_pixels)
+    network, losses = teach(lesson, train, checkpoint, tell)
+    return Model(puppet, crops.size, network, train, "ours", not crops.ordered, hold_out, losses)
 
 
 def teach(
