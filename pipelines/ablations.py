@@ -32,6 +32,7 @@ ABLATIONS = {
     "no-coarse-search": Ablation("no coarse search before the fine one", {"search": {"coarse": 0.0}}),
     "one-hypothesis": Ablation("one pose per frame is kept for the choice over time", {"search": {"num_best": 1}}),
     "rigid-parts": Ablation("no part bends in the search", {"puppet": {"slender": 0.0}}),
+    "drawn-lengths": Ablation("parts keep their lengths in the search", {"search": {"stretch": 0.0}}),
     "drawn-hinges": Ablation("hinges stand where the puppet has them", {"search": {"hinge_drawings": 0}}),
     "no-reorder": Ablation("the layers keep the puppet's order", {"search": {"reorder": 1.0e9}}),
     "coarse-angles": Ablation("the search tries a third of the angles", {"search": {"angles": 12}}),

@@ -116,6 +116,9 @@ class SearchSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Cost of turning a part against its parent, per squared radian (linear beyond half a radian)."""
     bend: NotNegative = 0.15
     """The same for a part that bends (``puppet.slender``): its lower piece against its upper one."""
+    stretch: NotNegative = 0.01
+    """Cost of a part that is a fifth longer or shorter than drawn, in units of an average part's evidence; it grows
+    with the square. Higher holds the puppet's proportions; 0: all parts keep their lengths."""
     cover: NotNegative = 0.4
     """Price, beside a wrong colour's, of a drawing's pixel that no part explains; in clips (guessed mattes) none."""
     reorder: NotNegative = 0.2

@@ -180,7 +180,7 @@ class Puppet:
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Coarse poses: a similarity per rigid piece and frame, as found by the search.
+    """Coarse poses: a similarity per rigid piece and frame, stretched along the piece's axis, as the search found it.
 
     ``crop_from_canvas[t, p]`` takes piece p's rest position to its place in crop t (``place.pose_vertices`` takes a
     map per layer too). ``cost`` is the whole energy of the pose, ``margin`` how much worse the best different

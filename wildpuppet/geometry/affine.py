@@ -46,6 +46,12 @@ def similarity(
     return rows
 
 
+def turn_of(a_from_b: Float[np.ndarray, "*batch 2 3"]) -> Float[np.ndarray, "*batch"]:
+    """Give the turn (radians) of the rotation nearest to a map: that of a similarity, the polar one of a stretch."""
+    linear = a_from_b[..., :2]
+    return np.asarray(np.arctan2(linear[..., 1, 0] - linear[..., 0, 1], linear[..., 0, 0] + linear[..., 1, 1]))
+
+
 def for_opencv(a_from_b: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
     """Turn a corner-origin map into the same map between pixel-centre coordinates, as OpenCV's warps expect."""
     half = np.array([0.5, 0.5])

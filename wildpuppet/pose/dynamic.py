@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from wildpuppet.pose import kernels
-from wildpuppet.pose.templates import PartImage, Templates
+from wildpuppet.pose.templates import UNCHANGED, PartImage, Templates
 from wildpuppet.pose.tree import Edge, Tree
 
 OUTSIDE = 4.0
@@ -102,9 +102,11 @@ def turn_costs(radians: Float[np.ndarray, "K"], weight: float) -> Float[np.ndarr
     return (weight * LINEAR_TURN**2 * huber(turn / LINEAR_TURN)).astype(np.float32)
 
 
-def joint_offsets(image: PartImage, templates: Templates, at: tuple[float, float]) -> Int[np.ndarray, "K 2"]:
-    """Offset (x, y) in pixels from a part's pivot to the joint, for every angle."""
-    arm = (np.asarray(at) - image.pivot) * templates.scale
+def joint_offsets(
+    image: PartImage, templates: Templates, at: tuple[float, float], shape: Float[np.ndarray, "2 2"] = UNCHANGED
+) -> Int[np.ndarray, "K 2"]:
+    """Offset (x, y) in pixels from a part's pivot to the joint, for every angle; ``shape`` as in ``make_templates``."""
+    arm = shape @ (np.asarray(at) - image.pivot) * templates.scale
     cos, sin = np.cos(templates.radians), np.sin(templates.radians)
     turned = np.stack([cos * arm[0] - sin * arm[1], sin * arm[0] + cos * arm[1]], -1)
     offsets: Int[np.ndarray, "K 2"] = np.rint(turned).astype(np.int64)

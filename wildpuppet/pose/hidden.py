@@ -15,7 +15,6 @@ from jaxtyping import Bool, Float
 
 from wildpuppet.geometry import affine
 from wildpuppet.pose.pieces import pieces_of
-from wildpuppet.pose.place import size_of
 from wildpuppet.pose.shots import Shot, keep_orders
 from wildpuppet.pose.tree import Edge, Tree, tree_of
 from wildpuppet.settings import SearchSettings
@@ -110,12 +109,10 @@ def _runs(marked: Bool[np.ndarray, "n"]) -> Iterator[range]:
 
 def _turned(maps: Float[np.ndarray, "L 2 3"], edge: Edge, limb: list[int]) -> Float[np.ndarray, "B L 2 3"]:
     """Turn a limb about its joint to all angles; the pose as it is comes first."""
-    size = size_of(maps[edge.child]) / max(size_of(maps[edge.parent]), 1e-9)
     radians = np.arange(ANGLES) * (2 * np.pi / ANGLES)
-    about = affine.similarity(np.full(ANGLES, size), radians, np.zeros((ANGLES, 2)))
-    at = np.array(edge.at)
-    about[:, :, 2] = at - about[:, :, :2] @ at
-    child = affine.compose(maps[edge.parent][None], about)
+    about = affine.similarity(np.ones(ANGLES), radians, np.zeros((ANGLES, 2)))
+    child, at = affine.compose(about, maps[edge.child][None]), np.array([edge.at])
+    child[:, :, 2] += (affine.apply(maps[edge.parent], at) - affine.apply(child, at))[:, 0]
     poses = np.repeat(maps[None], ANGLES + 1, 0)
     below = affine.compose(affine.invert(maps[edge.child][None]), maps[limb])
     poses[1:, limb] = affine.compose(child[:, None], below[None])
@@ -124,11 +121,7 @@ def _turned(maps: Float[np.ndarray, "L 2 3"], edge: Edge, limb: list[int]) -> Fl
 
 def _turns(maps: Float[np.ndarray, "B L 2 3"], edge: Edge) -> Float[np.ndarray, "B"]:
     """Give the child's turns against its parent, radians."""
-    return np.asarray(_angle(maps[:, edge.child]) - _angle(maps[:, edge.parent]))
-
-
-def _angle(maps: Float[np.ndarray, "B 2 3"]) -> Float[np.ndarray, "B"]:
-    return np.asarray(np.arctan2(maps[:, 1, 0], maps[:, 0, 0]))
+    return np.asarray(affine.turn_of(maps[:, edge.child]) - affine.turn_of(maps[:, edge.parent]))
 
 
 def _turn(before: Float[np.ndarray, "n"], after: Float[np.ndarray, "m"]) -> Float[np.ndarray, "n m"]:

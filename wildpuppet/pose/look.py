@@ -27,6 +27,7 @@ from wildpuppet.pose.templates import (
 )
 from wildpuppet.pose.tree import Tree, part_areas, tree_of
 from wildpuppet.pose.twins import Pair, twin_limbs
+from wildpuppet.puppet.bends import extent_of
 from wildpuppet.render.render import Mesh, mesh_of
 from wildpuppet.render.texture import Texture, texture_at
 from wildpuppet.settings import SearchSettings
@@ -38,6 +39,8 @@ FINE = 6
 """Sizes of the templates between two steps."""
 KEPT_SIZES = 2 * FINE
 """Sizes whose templates are kept."""
+KEPT_LENGTHS = 4 * KEPT_SIZES
+"""Lengths, over all sizes, of which each part's templates are kept."""
 TIGHT = 1 / 3
 """Slack of a bend, as a share of a hinge's: where it is, is known."""
 
@@ -46,7 +49,7 @@ TIGHT = 1 / 3
 class Searcher:
     """What the search prepares once per puppet; templates are kept per size. ``shaded`` twins differ in colour.
 
-    The layers of all that it holds are the puppet's rigid ``pieces``.
+    The layers of all that it holds are the puppet's rigid ``pieces``; ``along`` is each one's own axis.
     """
 
     pieces: Pieces
@@ -58,8 +61,10 @@ class Searcher:
     colours: Float[np.ndarray, "L 3"] = field(init=False)
     twins: list[Pair] = field(init=False)
     shaded: list[Pair] = field(init=False)
+    along: Float[np.ndarray, "L 2"] = field(init=False)
     palette: Float[np.ndarray, "C 3"] | None = None
     of_size: dict[float, tuple[Templates, Texture]] = field(default_factory=dict)
+    of_length: dict[tuple[float, int, int], Templates] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.images = part_images(self.puppet)
@@ -68,6 +73,7 @@ class Searcher:
         self.colours = mean_colours(self.images)
         self.twins = twin_limbs(self.tree, part_areas(self.puppet), self.colours)
         self.shaded = told_apart(self.twins, self.colours)
+        self.along = np.stack([extent_of(self.puppet, layer).along for layer in range(self.puppet.num_layers)])
 
     @property
     def puppet(self) -> Puppet:
@@ -95,6 +101,17 @@ class Searcher:
         self.of_size[step] = self.of_size.pop(step)  # the last one that was asked for goes last
         return self.of_size[step]
 
+    def stretched_part(self, scale: float, layer: int, step: int, shape: Float[np.ndarray, "2 2"]) -> Templates:
+        """Fetch or make the templates of one part ``step`` steps longer, its picture changed by ``shape``."""
+        key = (scale, layer, step)
+        if key not in self.of_length:
+            assert self.palette is not None
+            if len(self.of_length) == KEPT_LENGTHS * len(self.images):
+                self.of_length.pop(next(iter(self.of_length)))
+            part = (self.images[layer],)
+            self.of_length[key] = make_templates(part, scale, self.settings.angles, self.palette, shape=shape)
+        return self.of_length[key]
+
 
 @dataclass(frozen=True, eq=False)
 class Look:
@@ -104,6 +121,8 @@ class Look:
     solution: Solution
     picture: Picture
     pull: Pull | None
+    shapes: Mapping[int, Float[np.ndarray, "2 2"]] = field(default_factory=dict)
+    """What is done to layers about their pivots before they are turned (``stretch``)."""
 
     @property
     def templates(self) -> Templates:
@@ -126,6 +145,8 @@ class Look:
         maps = affine.similarity(
             np.full(len(states), templates.scale), templates.radians[table[:, 0]], np.zeros((len(states), 2))
         )
+        for layer, shape in self.shapes.items():
+            maps[layer, :, :2] @= shape
         pivots = np.stack([image.pivot for image in self.searcher.images])
         maps[:, :, 2] = table[:, 1:] + 0.5 - affine.apply(maps, pivots[:, None])[:, 0]
         return maps
@@ -133,7 +154,7 @@ class Look:
     def nearest(self, crop_from_canvas: Float[np.ndarray, "P 2 3"], order: Int[np.ndarray, "L"]) -> Candidate:
         """Round a pose of the pieces, with its order of the whole puppet's layers, to the search grid."""
         height, width = self.picture.evidence.matte.shape
-        turns = np.arctan2(crop_from_canvas[:, 1, 0], crop_from_canvas[:, 0, 0]) / (2 * np.pi)
+        turns = affine.turn_of(crop_from_canvas) / (2 * np.pi)
         angles = np.rint(turns * len(self.templates.radians)).astype(int) % len(self.templates.radians)
         pivots = np.stack([image.pivot for image in self.searcher.images])
         places = affine.apply(crop_from_canvas, pivots[:, None])[:, 0] * self.searcher.search_from_crop - 0.5

@@ -18,6 +18,7 @@ from wildpuppet.pose.moves import Candidate, best_candidates
 from wildpuppet.pose.pieces import pieces_of
 from wildpuppet.pose.place import between, pose_vertices, rest_box, size_of
 from wildpuppet.pose.pull import Pull
+from wildpuppet.pose.stretch import PROMISING, stretched
 from wildpuppet.pose.twins import MOST_TRADES
 from wildpuppet.settings import SearchSettings
 from wildpuppet.types import Crops, Hypotheses, Puppet
@@ -92,11 +93,11 @@ def search(
             is_seen = crops.ordered and crops.state[frame] != "lost"
             tries = (TRIES if following.is_found else FIRST_TRIES) if is_seen else 1
             step = expected.kept[frame] + grown
-            best, change = _search_sizes(searcher, coarse, crops, frame, step, starts, following, tries)
+            look, best, change = _search_sizes(searcher, coarse, crops, frame, step, starts, following, tries)
             grown += change
             if is_seen and not following.is_found:
                 following = expected.found(frame, expected.kept[frame] + grown)
-            found.append(best)
+            found.append(_with_lengths(look, best, crops, frame))
         machine.progress(done + 1, len(frames))
     return Hypotheses(
         np.stack([maps for maps, _, _ in found]),
@@ -122,7 +123,7 @@ def _search_sizes(
     starts: list[Start],
     expected: Expected,
     tries: int,
-) -> tuple[Found, int]:
+) -> tuple[Look, list[tuple[float, Candidate]], int]:
     """Search one frame at a size and, ``tries`` times in all, at better ones; give the steps by which it changed.
 
     A change for which no try is left counts too: the next frame starts there. No change is tried with one try.
@@ -133,17 +134,17 @@ def _search_sizes(
         look = look_at(searcher, image, size)
         first = _coarse_starts(coarse, image, SIZE_STEP**size / searcher.search_from_crop) if coarse else []
         best = _best_of(look, starts + first)
-        found = _hypotheses(look, best)
         if tries == 1:
-            return found, change
+            return look, best, change
         more = change + _better_size(look, best[0][1], size, expected, frame)
         if more in tried:
-            return found, change
+            return look, best, change
         change = more
         if len(tried) == tries:
-            return found, change
+            return look, best, change
         tried.add(change)
-        starts = [(found[0][0], found[1][0]), *starts]
+        maps, order, _ = _hypotheses(look, best[:1])
+        starts = [(maps[0], order[0]), *starts]
 
 
 def settings_for(crops: Crops, settings: SearchSettings) -> SearchSettings:
@@ -184,14 +185,20 @@ def searcher_of(puppet: Puppet, placement: Float[np.ndarray, "2 3"], settings: S
 
 def search_from(searcher: Searcher, crops: Crops, frame: int, starts: list[Start], pull: Pull | None = None) -> Found:
     """Search one frame again with poses (crop from canvas, order) to start from, at the size of the first."""
-    size = float(np.mean([size_of(one) for one in starts[0][0]]))
-    look = look_at(searcher, crops.images[frame : frame + 1][0], searcher.size_step(size), pull)
-    return _hypotheses(look, _best_of(look, starts))
+    size = searcher.size_step(_size_of_most(starts[0][0]))
+    look = look_at(searcher, crops.images[frame : frame + 1][0], size, pull)
+    best = _best_of(look, starts)
+    return _hypotheses(look, best) if pull else _with_lengths(look, best, crops, frame)
 
 
 def size_after(hypotheses: Hypotheses) -> float:
     """Give the size (crop pixels per canvas pixel) from which the next chunk continues: the last frame's best."""
-    return float(np.sqrt(np.abs(np.linalg.det(hypotheses.crop_from_canvas[-1, 0, :, :, :2]))).mean())
+    return _size_of_most(hypotheses.crop_from_canvas[-1, 0])
+
+
+def _size_of_most(maps: Float[np.ndarray, "P 2 3"]) -> float:
+    """Give the size of most pieces of a pose: one that is stretched is of another."""
+    return float(np.median([size_of(one) for one in maps]))
 
 
 def expected_sizes(searcher: Searcher, crops: Crops, placement: Float[np.ndarray, "2 3"]) -> Expected:
@@ -247,3 +254,14 @@ def _hypotheses(look: Look, best: list[tuple[float, Candidate]]) -> Found:
         np.concatenate([order, np.repeat(order[-1:], missing, 0)]),
         np.concatenate([cost, np.full(missing, np.inf)]),
     )
+
+
+def _with_lengths(look: Look, best: list[tuple[float, Candidate]], crops: Crops, frame: int) -> Found:
+    """Give the hypotheses, the parts of the best as long as the frame has them."""
+    maps, order, costs = _hypotheses(look, best)
+    if look.searcher.settings.stretch and crops.state[frame] != "lost":
+        num = PROMISING if crops.ordered else None
+        cost, candidate, longer = stretched(look, *best[0], look.searcher.settings.stretch, num)
+        first = _hypotheses(longer, [(cost, candidate)])
+        maps[0], order[0], costs[0] = (values[0] for values in first)
+    return maps, order, costs

@@ -88,23 +88,28 @@ def palette_of(images: tuple[PartImage, ...], scale: float, num_colours: int) ->
     return np.asarray(centres, np.float32)
 
 
+UNCHANGED = np.eye(2)
+
+
 def make_templates(
     images: tuple[PartImage, ...],
     scale: float,
     num_angles: int,
     palette: Float[np.ndarray, "C 3"],
     most_pixels: int = 100,
+    shape: Float[np.ndarray, "2 2"] = UNCHANGED,
 ) -> Templates:
     """Turn and scale every part. ``scale`` is search pixels per canvas pixel.
 
-    Parts of more than ``most_pixels`` pixels are sampled evenly, their weights raised to keep the area.
+    Parts of more than ``most_pixels`` pixels are sampled evenly, their weights raised to keep the area. ``shape`` is
+    what is done to the parts about their pivots first.
     """
     radians = np.arange(num_angles) * (2 * np.pi / num_angles)
     lists, weights, counts, areas, reach = [], [], [], [], 1
     for image in images:
         layer_areas = []
         for angle in radians:
-            pixels, weight = _template(image, scale, float(angle), palette)
+            pixels, weight = _template(image, scale, float(angle), palette, shape)
             reach = max(reach, int(np.abs(pixels[:, :2]).max()) + 1)
             layer_areas.append(weight.sum())
             step = max(1, int(np.ceil(len(pixels) / most_pixels)))
@@ -129,16 +134,16 @@ def make_templates(
 
 
 def _template(
-    image: PartImage, scale: float, radians: float, palette: Float[np.ndarray, "C 3"]
+    image: PartImage, scale: float, radians: float, palette: Float[np.ndarray, "C 3"], shape: Float[np.ndarray, "2 2"]
 ) -> tuple[Int[np.ndarray, "P 3"], Float[np.ndarray, "P"]]:
     picture = image.premultiplied
     shrink = max(1.0, 1.0 / max(scale, 1e-3))
     if shrink > 1.5:  # the warp samples points: average first, so that it sees every pixel
         picture = cv2.GaussianBlur(picture, (0, 0), 0.4 * shrink)
     pivot = image.pivot - image.corner
-    radius = int(np.ceil(np.hypot(*picture.shape[:2]) * scale)) + 1
+    radius = int(np.ceil(np.hypot(*picture.shape[:2]) * scale * np.linalg.norm(shape, 2))) + 1
     cos, sin = scale * np.cos(radians), scale * np.sin(radians)
-    linear = np.array([[cos, -sin], [sin, cos]])
+    linear = np.array([[cos, -sin], [sin, cos]]) @ shape
     centre = np.array([radius + 0.5, radius + 0.5])
     offset = centre - linear @ pivot
     half = np.array([0.5, 0.5])
