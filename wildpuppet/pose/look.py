@@ -16,7 +16,7 @@ from wildpuppet.pose.moves import Candidate, spring_cost
 from wildpuppet.pose.pieces import Pieces
 from wildpuppet.pose.place import pose_vertices
 from wildpuppet.pose.pull import Pull
-from wildpuppet.pose.rehang import Picture, hung_anew, seated_anew
+from wildpuppet.pose.rehang import NOWHERE, Picture, hung_anew, seated_anew
 from wildpuppet.pose.templates import (
     PartImage,
     Templates,
@@ -182,12 +182,18 @@ class Look:
         return costs + searcher.settings.reorder * (np.diff(order, axis=1) < 0).any(1)
 
     def rehang(
-        self, candidate: Candidate, head: int, free: Sequence[int], num: int, reach: Mapping[int, int] | None = None
+        self,
+        candidate: Candidate,
+        head: int,
+        free: Sequence[int],
+        num: int,
+        reach: Mapping[int, int] = NOWHERE,
+        turns: Mapping[int, int] = NOWHERE,
     ) -> list[Candidate]:
         """Hang the limb at ``head`` anew, as ``hung_anew`` does."""
         vertices = pose_vertices(self.searcher.puppet, self.maps(candidate.states)[None])[0]
         found = hung_anew(
-            self.picture, self.solution, candidate.states, candidate.order, vertices, head, free, num, reach
+            self.picture, self.solution, candidate.states, candidate.order, vertices, head, free, num, reach, turns
         )
         return [Candidate(states, candidate.order) for states in found]
 

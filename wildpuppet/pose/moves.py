@@ -49,7 +49,7 @@ class Frame(Protocol):
         ...
 
     def rehang(
-        self, candidate: Candidate, head: int, free: Sequence[int], num: int, reach: Mapping[int, int] | None = None, /
+        self, candidate: Candidate, head: int, free: Sequence[int], num: int, reach: Mapping[int, int] = ..., /
     ) -> list[Candidate]:
         """Find the ``num`` best poses of the limb at ``head``, the parts ``free`` not there; ``reach``: near by."""
         ...

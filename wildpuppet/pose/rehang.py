@@ -21,6 +21,8 @@ from wildpuppet.render.render import Mesh, render
 from wildpuppet.render.texture import Texture
 
 States = tuple[State, ...]
+NOWHERE: Mapping[int, int] = {}
+"""No part is held."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +74,13 @@ def hung_anew(
     head: int,
     free: Sequence[int],
     num: int,
-    reach: Mapping[int, int] | None = None,
+    reach: Mapping[int, int] = NOWHERE,
+    turns: Mapping[int, int] = NOWHERE,
 ) -> list[States]:
     """Find the ``num`` best poses of the limb that hangs from ``head``; ``vertices`` draw ``states`` (search pixels).
 
-    The parts ``free`` (the limb's own among them) count as not there: their pixels are open to the limb. With
-    ``reach``, each part stays within as many pixels of where it is.
+    The parts ``free`` (the limb's own among them) count as not there: their pixels are open to the limb. A
+    part in ``reach`` stays within as many pixels of where it is, one in ``turns`` within as many steps of its angle.
     """
     limb = solution.tree.below(head)
     parent = solution.links[head].edge.parent
@@ -85,8 +88,10 @@ def hung_anew(
     accumulated = list(solution.accumulated)
     for layer in limb:
         accumulated[layer] = _gains(picture, solution, order, vertices, layer, free, window)
-        if reach is not None:
+        if layer in reach:
             accumulated[layer] += _away(states[layer], window, reach[layer])
+        if layer in turns:
+            accumulated[layer] += _turned_away(states[layer], len(accumulated[layer]), turns[layer])
     for edge in reversed(solution.tree.edges):
         if edge.parent in limb:
             send(accumulated, solution.links[edge.child])
@@ -139,6 +144,11 @@ def _away(state: State, window: Window, reach: int) -> Float[np.ndarray, "h w"]:
     rows = np.abs(np.arange(window.top, window.bottom) - state[2]) > reach
     columns = np.abs(np.arange(window.left, window.right) - state[1]) > reach
     return np.where(rows[:, None] | columns, np.float32(AWAY), np.float32(0))
+
+
+def _turned_away(state: State, num_angles: int, most: int) -> Float[np.ndarray, "K 1 1"]:
+    turn = (np.arange(num_angles) - state[0] + num_angles // 2) % num_angles - num_angles // 2
+    return np.where(np.abs(turn) > most, np.float32(AWAY), np.float32(0))[:, None, None]
 
 
 def _window(solution: Solution, parent: State, head: int) -> Window:

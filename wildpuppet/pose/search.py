@@ -18,7 +18,7 @@ from wildpuppet.pose.moves import Candidate, best_candidates
 from wildpuppet.pose.pieces import pieces_of
 from wildpuppet.pose.place import between, pose_vertices, rest_box, size_of
 from wildpuppet.pose.pull import Pull
-from wildpuppet.pose.stretch import PROMISING, stretched
+from wildpuppet.pose.stretch import IN_CLIP, IN_DRAWING, stretched
 from wildpuppet.pose.twins import MOST_TRADES
 from wildpuppet.settings import SearchSettings
 from wildpuppet.types import Crops, Hypotheses, Puppet
@@ -260,8 +260,8 @@ def _with_lengths(look: Look, best: list[tuple[float, Candidate]], crops: Crops,
     """Give the hypotheses, the parts of the best as long as the frame has them."""
     maps, order, costs = _hypotheses(look, best)
     if look.searcher.settings.stretch and crops.state[frame] != "lost":
-        num = PROMISING if crops.ordered else None
-        cost, candidate, longer = stretched(look, *best[0], look.searcher.settings.stretch, num)
+        tries = IN_CLIP if crops.ordered else IN_DRAWING
+        cost, candidate, longer = stretched(look, *best[0], look.searcher.settings.stretch, tries)
         first = _hypotheses(longer, [(cost, candidate)])
         maps[0], order[0], costs[0] = (values[0] for values in first)
     return maps, order, costs

@@ -6,7 +6,7 @@ what explains the drawing better, at a price, stays.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -23,32 +23,46 @@ MOST = 2
 """Steps from the drawn length that are tried at most."""
 SWEEPS = 2
 """How often all parts are tried, while that helps."""
-PROMISING = 6
-"""Changes that are tried each time in a clip, where drawings follow one another and few parts differ from the rest."""
+
+
+@dataclass(frozen=True)
+class Tries:
+    """How lengths are tried: the ``num`` most promising changes at a time, None: all of them.
+
+    A part turns by at most ``turn`` of a full turn while its own length changes.
+    """
+
+    num: int | None
+    turn: float
+
+
+IN_CLIP, IN_DRAWING = Tries(6, 1.0), Tries(None, 0.125)
+"""A clip's drawings follow one another: few parts differ much. Another drawing's turns were all weighed before."""
 
 Stretches = Mapping[int, int]
 """By how many steps parts are longer than drawn."""
 
 
 def stretched(
-    look: Look, cost: float, candidate: Candidate, price: float, num: int | None
+    look: Look, cost: float, candidate: Candidate, price: float, tries: Tries
 ) -> tuple[float, Candidate, Look]:
     """Stretch and shorten the parts of a pose, one at a time, while that pays; give its cost and the look it is in.
 
     ``price`` is what the first step of a part costs, in units of an average part's evidence; it grows with the square.
-    ``num``: only so many changes, the most promising, have their limbs hung anew; None: all of them.
     """
     tree = look.solution.tree
     heads = {layer: head for head in limb_heads(tree) for layer in tree.below(head)}
     best, steps = (cost, candidate, look), dict.fromkeys(heads, 0)
+    most = round(tries.turn * len(look.templates.radians))
     for _ in range(SWEEPS):
         before = best[0]
-        for layer, change in _changes(look, best[1], steps, price, num):
+        for layer, change in _changes(look, best[1], steps, price, tries.num):
             tried = {**steps, layer: steps[layer] + change}
             if abs(tried[layer]) > MOST:
                 continue
             longer = look_with(look, tried)
-            found = longer.rehang(best[1], heads[layer], tree.below(heads[layer]), 2)
+            limb = tree.below(heads[layer])
+            found = longer.rehang(best[1], heads[layer], limb, 2, turns={layer: most})
             costs = longer.judge(found) + price * _squares(tried)
             row = int(np.argmin(costs))
             if costs[row] < best[0] - 1e-9:
