@@ -23,13 +23,16 @@ def main(arguments: Arguments) -> None:
 
 
 def table(cells: list[tuple[str, ...]], width: int) -> str:
-    """Lay rows out in columns; long cells go on below within ``width``, unless it is too narrow for any table."""
+    """Lay rows out in columns; long cells go on below within ``width``, unless it is too narrow for any table.
+
+    What stands first is a name and stays in one piece.
+    """
     import textwrap
 
     sides = [max(len(row[column]) for row in cells) for column in range(len(cells[0]))]
     spare = width - 2 * (len(sides) - 1)
-    while sum(sides) > spare and max(sides) > 16:
-        sides[sides.index(max(sides))] -= 1
+    while sum(sides) > spare and max(sides[1:]) > 16:
+        sides[1 + sides[1:].index(max(sides[1:]))] -= 1
     lines = []
     for row in cells:
         wrapped = [textwrap.wrap(cell, side) or [""] for cell, side in zip(row, sides, strict=True)]
