@@ -21,6 +21,7 @@ from wildpuppet.machine import Machine
 from wildpuppet.pose.look import SIZE_STEP
 from wildpuppet.pose.place import pose_vertices
 from wildpuppet.pose.search import SIZE_CHANGE, SIZE_PRIOR, expected_sizes, search, searcher_of, size_after
+from wildpuppet.pose.stretch import MOST, STEP
 from wildpuppet.pose.twins import MOST_TRADES
 from wildpuppet.puppet.build import build
 from wildpuppet.settings import PuppetSettings, SearchSettings
@@ -77,13 +78,16 @@ def test_poses_are_found(kind, frames):
 
 
 def check_form(found: Hypotheses, num_frames: int, num_layers: int) -> None:
-    """Best first; distinct poses; every order a permutation; all layers of one size, but the best's own lengths."""
+    """Best first; distinct poses; every order a permutation; one size, the best's parts whole steps longer than it."""
     assert found.cost.shape == (num_frames, COARSE.num_best + MOST_TRADES)
     finite = np.where(np.isfinite(found.cost), found.cost, 1e9)
     assert (np.diff(finite, axis=1) >= 0).all()
     assert (np.sort(found.order, -1) == np.arange(num_layers)).all()
     scale = np.sqrt(np.linalg.det(found.crop_from_canvas[..., :2]))
     np.testing.assert_allclose(scale[:, 1:], np.broadcast_to(scale[:, 1:2, :1], scale[:, 1:].shape))
+    steps = 2 * np.log(scale[:, 0] / scale[:, 1, :1]) / np.log(STEP)
+    np.testing.assert_allclose(steps, steps.round(), atol=1e-6)
+    assert (np.abs(steps.round()) <= MOST).all()
     for maps, cost in zip(found.crop_from_canvas, found.cost, strict=True):
         kept = maps[np.isfinite(cost)]
         assert all(np.abs(a - b).max() > 0 for i, a in enumerate(kept) for b in kept[:i])

@@ -46,10 +46,10 @@ def similarity(
     return rows
 
 
-def turn_of(a_from_b: Float[np.ndarray, "*batch 2 3"]) -> Float[np.ndarray, "*batch"]:
-    """Give the turn (radians) of the rotation nearest to a map: that of a similarity, the polar one of a stretch."""
-    linear = a_from_b[..., :2]
-    return np.asarray(np.arctan2(linear[..., 1, 0] - linear[..., 0, 1], linear[..., 0, 0] + linear[..., 1, 1]))
+def turn_of(a_from_b: Float[np.ndarray, "*batch 2 _"]) -> Float[np.ndarray, "*batch"]:
+    """Give the turn (radians) of the rotation nearest to a map, or to its linear part alone (2, 2)."""
+    across = a_from_b[..., 1, 0] - a_from_b[..., 0, 1]
+    return np.asarray(np.arctan2(across, a_from_b[..., 0, 0] + a_from_b[..., 1, 1]))
 
 
 def for_opencv(a_from_b: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:

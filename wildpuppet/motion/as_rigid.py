@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from wildpuppet.geometry import affine
 from wildpuppet.geometry.arap import arap_rest
 from wildpuppet.motion.bones import BoneTree, bones_of, turns_of, unwound, wrapped
 
@@ -84,7 +85,7 @@ def _turned_and_stretched(
     tree = equation.tree
     jacobians = np.stack([(equation.gradient @ end).reshape(-1, 2, 2) for end in ends])
     jacobians = np.swapaxes(jacobians, -1, -2)
-    angles = np.arctan2(jacobians[..., 1, 0] - jacobians[..., 0, 1], jacobians[..., 0, 0] + jacobians[..., 1, 1])
+    angles = affine.turn_of(jacobians)
     parts = turns_of(tree, unwound(bones_of(tree, ends)))[:, tree.puppet.layer_of_triangle]
     angles = parts + wrapped(angles - parts)
     return angles, np.swapaxes(_rotations(angles), -1, -2) @ jacobians
