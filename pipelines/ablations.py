@@ -31,6 +31,7 @@ ABLATIONS = {
     "no-time": Ablation("each frame takes its own best pose", {"search": {"time_weight": 0.0}}),
     "no-coarse-search": Ablation("no coarse search before the fine one", {"search": {"coarse": 0.0}}),
     "one-hypothesis": Ablation("one pose per frame is kept for the choice over time", {"search": {"num_best": 1}}),
+    "no-weighing": Ablation("a drawing's best pose in the search is fitted alone", {"fit": {"overrule": 0.0}}),
     "rigid-parts": Ablation("no part bends in the search", {"puppet": {"slender": 0.0}}),
     "drawn-lengths": Ablation("parts keep their lengths in the search", {"search": {"stretch": 0.0}}),
     "drawn-hinges": Ablation("hinges stand where the puppet has them", {"search": {"hinge_drawings": 0}}),

@@ -1,6 +1,6 @@
 """The paper's own case: an unordered folder of drawings and a puppet; no tracking, one canvas.
 
-drawings + puppet -> place -> hinges -> search -> choose -> fit -> exposure, meshes, preview -> OUT
+drawings + puppet -> place -> hinges -> search -> choose -> weigh -> fit -> exposure, meshes, preview -> OUT
 """
 
 import numpy as np

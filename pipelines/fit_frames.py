@@ -1,4 +1,4 @@
-"""From crops and a puppet to a fit: hinges, search, choose, fit, confidence.
+"""From crops and a puppet to a fit: hinges, search, choose, weigh, fit, confidence.
 
 Long stages go in chunks that are kept one by one.
 """
@@ -98,7 +98,27 @@ def find_poses(
     hypotheses = search(keeper, puppet, crops, placement, frames)
     if keyframes:
         hypotheses = follow_keyframes(keeper, puppet, crops, placement, hypotheses, keyframes)
-    return hypotheses, keeper.keep(stages.CHOOSE, puppet=puppet, crops=crops, hypotheses=hypotheses)
+    poses = keeper.keep(stages.CHOOSE, puppet=puppet, crops=crops, hypotheses=hypotheses)
+    if keeper.settings.fit.overrule and keeper.settings.fit.method == "descent" and not crops.value.ordered:
+        poses = weigh(keeper, puppet, crops, hypotheses, frames)
+    return hypotheses, poses
+
+
+def weigh(
+    keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops], hypotheses: Kept[Hypotheses], frames: Frames
+) -> Kept[Poses]:
+    """Let the fit's energy choose each drawing's hypothesis, chunk by chunk."""
+    parts: list[Kept[Any]] = []
+    with keeper.step(stages.WEIGH.name, frames.number):
+        for first in range(0, frames.number, CHUNK):
+            last = min(frames.number, first + CHUNK)
+            parts.append(
+                keeper.keep(
+                    stages.WEIGH_PART, weight=last - first, puppet=puppet, crops=crops, hypotheses=hypotheses,
+                    frames=given(slice(first, last), [first, last]),
+                )
+            )  # fmt: skip
+        return keeper.keep(stages.WEIGH, weight=0.0, parts=parts)
 
 
 def _alone(poses: Poses) -> Hypotheses:

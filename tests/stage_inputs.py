@@ -90,6 +90,11 @@ class Drawn:
         order = np.repeat(self.scene.order[:, None], 3, 1)
         return Hypotheses(maps, order, np.linspace(0.3, 0.4, 3 * FRAMES).reshape(FRAMES, 3))
 
+    @property
+    def standing_first(self) -> Hypotheses:
+        """The same with the standing pose taken for the best."""
+        return replace(self.hypotheses, crop_from_canvas=self.hypotheses.crop_from_canvas[:, [1, 0, 2]])
+
     @cached_property
     def keyframe(self) -> Keyframe:
         """The right hand, truly placed, in the second frame."""
@@ -126,6 +131,7 @@ class Drawn:
         return [replace(value, **{name: getattr(value, name)[half] for name in names}) for half in halves]
 
 
+POSES = ("crop_from_canvas", "order", "cost", "margin")
 HYPOTHESES = ("crop_from_canvas", "order", "cost")
 FIT = ("frames", "vertices_crop", "order", "confidence", "state")
 
@@ -148,6 +154,8 @@ INPUTS: dict[str, Callable[[Drawn], tuple[Any, ...]]] = {
     "keyframes.part": lambda drawn: _keyframes_part(drawn),
     "keyframes": lambda drawn: (drawn.hypotheses, [drawn.followed]),
     "choose": lambda drawn: (drawn.puppet, drawn.crops, drawn.hypotheses),
+    "weigh.part": lambda drawn: (drawn.puppet, drawn.crops, drawn.standing_first, slice(0, FRAMES)),
+    "weigh": lambda drawn: (drawn.pieces(drawn.poses, POSES),),
     "rest": lambda drawn: (drawn.puppet, drawn.crops, drawn.placement),
     "fit.part": lambda drawn: (drawn.puppet, drawn.crops, drawn.poses, slice(0, FRAMES)),
     "fit.keyed": lambda drawn: (drawn.puppet, drawn.crops, drawn.poses, slice(0, FRAMES), [drawn.keyframe]),

@@ -6,7 +6,7 @@ A stage named "search.part" makes one piece of "search", which joins them.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -165,6 +165,19 @@ def _choose(puppet: Puppet, crops: Crops, hypotheses: Hypotheses, settings: Sear
     return follow_hidden(puppet, crops, hypotheses, poses, settings)
 
 
+def _weigh_part(
+    puppet: Puppet, crops: Crops, hypotheses: Hypotheses, frames: slice, settings: FitSettings, machine: Machine
+) -> Poses:
+    from wildpuppet.fit.weigh import weigh
+
+    return weigh(puppet, crops, hypotheses, frames, settings, machine)
+
+
+def _weigh(parts: list[Poses], machine: Machine) -> Poses:
+    joined = {field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Poses)}
+    return Poses(**joined)
+
+
 def _rest(puppet: Puppet, crops: Crops, placement: Float[np.ndarray, "2 3"], machine: Machine) -> Poses:
     """Stand the puppet as it was drawn in every crop: windows follow the character, so the place is the same."""
     num_frames, num_layers = len(crops.frames), puppet.num_layers
@@ -319,6 +332,8 @@ KEYFRAMES_PART = Stage(
 )
 KEYFRAMES = Stage("keyframes", 1, (), _keyframes, disk.save_hypotheses, disk.load_hypotheses)
 CHOOSE = Stage("choose", 5, ("search",), _choose, disk.save_poses, disk.load_poses)
+WEIGH_PART = Stage("weigh.part", 1, ("fit",), _weigh_part, disk.save_poses, disk.load_poses)
+WEIGH = Stage("weigh", 1, (), _weigh, disk.save_poses, disk.load_poses)
 REST = Stage("rest", 1, (), _rest, disk.save_poses, disk.load_poses)
 FIT_PART = Stage("fit.part", 4, ("fit",), _fit_part, disk.save_fit, disk.load_fit)
 FIT_KEYED = Stage("fit.keyed", FIT_PART.version, ("fit",), _fit_keyed, disk.save_fit, disk.load_fit)
@@ -334,8 +349,8 @@ PREVIEW = Stage("preview", 3, (), _preview, disk.save_files, disk.load_folder)
 
 STAGES = (
     PROBE, TRACK, CROP, DRAWINGS, AUTOMATIC, PUPPET, PLACE, HINGES, SEARCH_PART, SEARCH, KEYFRAMES_PART,
-    KEYFRAMES, CHOOSE, REST, FIT_PART, FIT_KEYED, FIT, DISTIL, BETTER, TRAIN, CONFIDENCE, REUSE, EXPOSURE, MESHES,
-    PREVIEW,
+    KEYFRAMES, CHOOSE, WEIGH_PART, WEIGH, REST, FIT_PART, FIT_KEYED, FIT, DISTIL, BETTER, TRAIN, CONFIDENCE, REUSE,
+    EXPOSURE, MESHES, PREVIEW,
 )  # fmt: skip
 NAMES = tuple(stage.name for stage in STAGES if "." not in stage.name)
 """What ``--until`` and ``--redo`` take."""

@@ -3,9 +3,9 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
-from wildpuppet.fit.descent import LOSS_NAMES
+from wildpuppet.fit.solve import total
 from wildpuppet.settings import FitSettings
 from wildpuppet.types import Crops, Fit
 
@@ -19,15 +19,9 @@ It starts from what all frames together say, and a limb in the wrong place can h
 def better(crops: Crops, first: Fit, second: Fit, settings: FitSettings) -> Fit:
     """Take the second fit wherever its energy is not much higher; a held drawing's frames stay together."""
     runs = np.cumsum(np.r_[False, (np.diff(crops.drawing) != 0) | (np.diff(crops.shot) != 0)])
-    sums = [np.bincount(runs, energy_of(fit, settings)) for fit in (first, second)]
+    sums = [np.bincount(runs, total(fit.losses, settings)) for fit in (first, second)]
     is_second = (sums[1] <= TRUST * sums[0])[runs]
     return _mixed(first, second, is_second)
-
-
-def energy_of(fit: Fit, settings: FitSettings) -> Float[np.ndarray, "T"]:
-    """Weigh the terms of each frame's energy; the data's two share a weight."""
-    weighted = [getattr(settings, name, settings.reconstruction) * fit.losses[name] for name in LOSS_NAMES]
-    return np.asarray(np.sum(weighted, axis=0), np.float64)
 
 
 def _mixed(first: Fit, second: Fit, is_second: Bool[np.ndarray, "T"]) -> Fit:

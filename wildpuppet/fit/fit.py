@@ -8,12 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int, UInt8
-from torch import Tensor
+from jaxtyping import Float, Int
 
-from wildpuppet.fit import curvature
-from wildpuppet.fit.descent import Problem, descend, energies, make_problem
-from wildpuppet.fit.pins import Pins, pinned_vertices, pins_of
+from wildpuppet.fit.descent import energies, make_problem
+from wildpuppet.fit.pins import pinned_vertices, pins_of
+from wildpuppet.fit.solve import images_of, solve
 from wildpuppet.fit.target import target_at
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
@@ -23,8 +22,6 @@ from wildpuppet.types import Crops, Fit, FitState, Keyframe, Poses, Puppet
 
 BATCH = 8
 """Frames solved together; a bound on memory."""
-STEADY = 0.97
-"""A held frame leaves its place for an energy lower than this share only: a hold must not tremble."""
 
 
 def fit(
@@ -60,7 +57,8 @@ def fit(
                 posed = np.stack([results[int(i)][0] for i in first[part]])
                 start = _start_of_held(puppet, crops, index[part], index[first[part]], posed, order, settings)
             pins = pins_of(puppet, [fixed.get(int(i)) for i in part])
-            solved = _solve(puppet, crops, index[part], start, order, settings, held, pins)
+            images = images_of(crops, index[part])
+            solved = solve(puppet, images, start, order, settings, held, pins)
             results.update(zip((int(i) for i in part), solved, strict=True))
             done += len(part)
             machine.progress(done, len(index))
@@ -121,46 +119,7 @@ def _start_of_held(
     """
     crop_from_first = affine.compose(affine.invert(crops.video_from_crop[index]), crops.video_from_crop[first])
     starts = torch.from_numpy(np.stack([affine.apply(crop_from_first, posed), posed]).astype(np.float32))
-    target = target_at(_images(crops, index), settings.levels[0][0], settings.matte * settings.robust**2)
+    target = target_at(images_of(crops, index), settings.levels[0][0], settings.matte * settings.robust**2)
     scaled = starts * target.level
     still, moving = (energies(make_problem(puppet, target, order, start, settings), start)[0] for start in scaled)
     return torch.where((still <= moving)[:, None, None], starts[0], starts[1]).numpy()
-
-
-def _images(crops: Crops, index: Int[np.ndarray, "B"]) -> UInt8[np.ndarray, "B H W 4"]:
-    return np.concatenate([crops.images[int(i) : int(i) + 1] for i in index])
-
-
-def _solve(
-    puppet: Puppet,
-    crops: Crops,
-    index: Int[np.ndarray, "B"],
-    vertices: Float[np.ndarray, "B V 2"],
-    order: Int[np.ndarray, "B L"],
-    settings: FitSettings,
-    held: bool,
-    pins: Pins | None,
-) -> list[tuple[Float[np.ndarray, "V 2"], dict[str, float]]]:
-    images = _images(crops, index)
-    current = torch.from_numpy(vertices)
-    groups = np.zeros_like(puppet.layer_of_vertex) if held else puppet.layer_of_vertex
-    bones = curvature.Bones(groups, puppet, settings.hold_scale)
-    problem: Problem | None = None
-    for level, bone_share, mesh_share in settings.levels:
-        target = target_at(images, level, settings.matte * settings.robust**2)
-        start = current * level
-        problem = make_problem(puppet, target, order, start, settings)
-        start = descend(problem, start, round(settings.steps * bone_share), bones, with_mesh=False, pins=pins)
-        start = descend(problem, start, round(settings.steps * mesh_share), bones, with_mesh=not held, pins=pins)
-        current = start / level
-    assert problem is not None
-    if held:
-        current = _steady(problem, torch.from_numpy(vertices), current)
-    _, _, terms = energies(problem, current * problem.target.level)
-    return [(current[b].numpy(), {name: float(value[b]) for name, value in terms.items()}) for b in range(len(index))]
-
-
-def _steady(problem: Problem, start: Float[Tensor, "B V 2"], found: Float[Tensor, "B V 2"]) -> Float[Tensor, "B V 2"]:
-    """Keep each frame where it started unless the descent gained by it."""
-    before, after = (energies(problem, vertices * problem.target.level)[0] for vertices in (start, found))
-    return torch.where((after < STEADY * before)[:, None, None], found, start)

@@ -40,7 +40,7 @@ def choose(puppet: Puppet, crops: Crops, hypotheses: Hypotheses, settings: Searc
         hypotheses.crop_from_canvas[rows, picked],
         hypotheses.order[rows, picked],
         hypotheses.cost[rows, picked],
-        _margins(hypotheses.cost, picked),
+        margins(hypotheses.cost, picked),
     )
 
 
@@ -177,7 +177,7 @@ def best_path(costs: Float[np.ndarray, "T N"], steps: list[Float[np.ndarray, "N 
     return np.array(path[::-1], np.int64)
 
 
-def _margins(cost: Float[np.ndarray, "T N"], picked: Int[np.ndarray, "T"]) -> Float[np.ndarray, "T"]:
+def margins(cost: Float[np.ndarray, "T N"], picked: Int[np.ndarray, "T"]) -> Float[np.ndarray, "T"]:
     """How much more the best other hypothesis costs; negative where time overruled the pixels."""
     if cost.shape[1] < 2:
         return np.full(len(cost), np.inf)
