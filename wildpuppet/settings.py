@@ -136,7 +136,7 @@ class FitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Descent steps; each pyramid level takes its share of them."""
     levels: tuple[tuple[float, float, float], ...] = ((0.3, 0.4, 0.0), (0.6, 0.2, 0.3), (1.0, 0.0, 0.4))
     """Pyramid, coarse to fine: (crop scale, share of steps on whole parts, share on parts and mesh)."""
-    overrule: Share = 0.75
+    overrule: Share = 0.85
     """Of a drawing another hypothesis of the search's is taken when the fit from there costs less than this share of
     the fit from the best one; 0: never. In clips the choice over time decides."""
     robust: Positive = 60.0

@@ -324,15 +324,15 @@ DRAWINGS = Stage("drawings", 1, ("crop",), _drawings, disk.save_crops, disk.load
 AUTOMATIC = Stage("automatic", 1, ("auto",), _automatic, disk.save_cutout, disk.load_cutout)
 PUPPET = Stage("puppet", 3, ("puppet",), _puppet, disk.save_puppet, disk.load_puppet)
 PLACE = Stage("place", 5, ("search",), _place, disk.save_placement, disk.load_placement)
-HINGES = Stage("hinges", 11, ("search",), _hinges, disk.save_puppet, disk.load_puppet)
-SEARCH_PART = Stage("search.part", 12, ("search",), _search_part, disk.save_hypotheses, disk.load_hypotheses)
+HINGES = Stage("hinges", 12, ("search",), _hinges, disk.save_puppet, disk.load_puppet)
+SEARCH_PART = Stage("search.part", 13, ("search",), _search_part, disk.save_hypotheses, disk.load_hypotheses)
 SEARCH = Stage("search", 1, (), _search, disk.save_hypotheses, disk.load_hypotheses)
 KEYFRAMES_PART = Stage(
     "keyframes.part", SEARCH_PART.version, ("search",), _keyframes_part, disk.save_followed, disk.load_followed
 )
 KEYFRAMES = Stage("keyframes", 1, (), _keyframes, disk.save_hypotheses, disk.load_hypotheses)
 CHOOSE = Stage("choose", 5, ("search",), _choose, disk.save_poses, disk.load_poses)
-WEIGH_PART = Stage("weigh.part", 1, ("fit",), _weigh_part, disk.save_poses, disk.load_poses)
+WEIGH_PART = Stage("weigh.part", 2, ("fit",), _weigh_part, disk.save_poses, disk.load_poses)
 WEIGH = Stage("weigh", 1, (), _weigh, disk.save_poses, disk.load_poses)
 REST = Stage("rest", 1, (), _rest, disk.save_poses, disk.load_poses)
 FIT_PART = Stage("fit.part", 4, ("fit",), _fit_part, disk.save_fit, disk.load_fit)

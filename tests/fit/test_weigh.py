@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.fit.arms import PLACE, SIZE, about_shoulder, cutout
 from wildpuppet.fit.weigh import LIKELY, weigh
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
@@ -118,3 +119,30 @@ def test_nothing_overrules_the_search_where_that_is_switched_off(puppet, crops):
     given = hypotheses(upside_down(), true_maps(), 1.1)
     found = weigh(puppet, crops, given, slice(0, len(TURNS)), FitSettings(overrule=0.0), Machine(workers=1))
     np.testing.assert_array_equal(found.crop_from_canvas, upside_down())
+
+
+def test_limbs_that_trade_places_are_left_to_the_search():
+    """Two arms that look alike: the pose in which they stand as drawn is not taken for the one with them traded."""
+    arms = cutout()
+    puppet = build(arms, PuppetSettings(slender=0.0))
+    order = np.arange(3)
+    straight = np.stack([PLACE, about_shoulder(-0.5), about_shoulder(0.5)])
+    traded = straight[[0, 2, 1]]
+    picture = np.zeros((1, SIZE[1], SIZE[0], 4), np.uint8)
+    for part, way in zip(arms.parts, straight, strict=True):
+        drawn = cv2.warpAffine(part.rgba, affine.for_opencv(way), SIZE, flags=cv2.INTER_AREA)
+        share = drawn[..., 3:] / 255.0
+        picture[0] = np.rint(drawn * share + picture[0] * (1 - share))
+    assert puppet.names == ("body", "first", "second")
+    crops = Crops(
+        np.arange(1), SIZE, np.eye(2, 3)[None], picture, np.array([[20.0, 10.0, 70.0, 80.0]]), np.arange(1),
+        np.zeros(1, int), ("followed",), None, False,
+    )  # fmt: skip
+    away = traded.copy()
+    away[1:, :, 2] += (0.0, 25.0)  # both arms where nothing is: the straight pose costs far less
+    given = Hypotheses(np.stack([away, straight])[None], np.tile(order, (1, 2, 1)), np.array([[1.0, 1.1]]))
+    found = weigh(puppet, crops, given, slice(0, 1), FitSettings(), Machine(workers=1))
+    np.testing.assert_array_equal(found.crop_from_canvas[0], away)
+    same = Hypotheses(np.stack([away[[0, 2, 1]], straight])[None], np.tile(order, (1, 2, 1)), np.array([[1.0, 1.1]]))
+    found = weigh(puppet, crops, same, slice(0, 1), FitSettings(), Machine(workers=1))
+    np.testing.assert_array_equal(found.crop_from_canvas[0], straight)

@@ -27,16 +27,19 @@ SWEEPS = 2
 
 @dataclass(frozen=True)
 class Tries:
-    """How lengths are tried: the ``num`` most promising changes at a time, None: all of them.
+    """How lengths are tried: by ``changes`` (steps), the ``num`` most promising at a time, None: all of them.
 
-    A part turns by at most ``turn`` of a full turn while its own length changes.
+    A part turns by at most ``turn`` of a full turn while its own length changes. ``is_deep``: what hangs from it is
+    hung anew once more by itself, as a foot that lies along its shin counts the shin's pixels as its own before.
     """
 
     num: int | None
+    changes: tuple[int, ...]
     turn: float
+    is_deep: bool
 
 
-IN_CLIP, IN_DRAWING = Tries(6, 1.0), Tries(None, 0.125)
+IN_CLIP, IN_DRAWING = Tries(6, (-1, 1), 1.0, is_deep=False), Tries(None, (-1, 1, -2, 2), 0.125, is_deep=True)
 """A clip's drawings follow one another: few parts differ much. Another drawing's turns were all weighed before."""
 
 Stretches = Mapping[int, int]
@@ -56,13 +59,15 @@ def stretched(
     most = round(tries.turn * len(look.templates.radians))
     for _ in range(SWEEPS):
         before = best[0]
-        for layer, change in _changes(look, best[1], steps, price, tries.num):
+        for layer, change in _changes(look, best[1], steps, price, tries):
             tried = {**steps, layer: steps[layer] + change}
             if abs(tried[layer]) > MOST:
                 continue
             longer = look_with(look, tried)
             limb = tree.below(heads[layer])
             found = longer.rehang(best[1], heads[layer], limb, 2, turns={layer: most})
+            if tries.is_deep:
+                found = [*found, *_hung_below(longer, found, layer)]
             costs = longer.judge(found) + price * _squares(tried)
             row = int(np.argmin(costs))
             if costs[row] < best[0] - 1e-9:
@@ -72,16 +77,22 @@ def stretched(
     return best
 
 
+def _hung_below(look: Look, poses: list[Candidate], layer: int) -> list[Candidate]:
+    """Hang what hangs from a part anew, one limb after the other, from each of the poses and those that come of it."""
+    tree, found = look.solution.tree, list(poses)
+    for edge in tree.children(layer):
+        found += [one for pose in found for one in look.rehang(pose, edge.child, tree.below(edge.child), 1)]
+    return found[len(poses) :]
+
+
 def _squares(steps: Stretches) -> int:
     return sum(step**2 for step in steps.values())
 
 
-def _changes(
-    look: Look, candidate: Candidate, steps: Stretches, price: float, num: int | None
-) -> list[tuple[int, int]]:
-    """List the changes of length to try: all, or the ``num`` that cost least when all below the part goes along."""
-    changes = [(layer, change) for layer in steps for change in (-1, 1)]
-    if num is None:
+def _changes(look: Look, candidate: Candidate, steps: Stretches, price: float, tries: Tries) -> list[tuple[int, int]]:
+    """List the changes of length to try: all, or those that cost least when all below the part goes along."""
+    changes = [(layer, change) for layer in steps for change in tries.changes]
+    if tries.num is None:
         return changes
     costs, now = [], _reshaped(look, steps)
     for layer, change in changes:
@@ -89,7 +100,7 @@ def _changes(
         longer = _reshaped(look, tried)
         moved = _gone_along(now, longer, candidate, layer)
         costs.append(float(longer.judge([moved])[0]) + price * _squares(tried))
-    return [changes[row] for row in np.argsort(costs)[:num]]
+    return [changes[row] for row in np.argsort(costs)[: tries.num]]
 
 
 def _gone_along(now: Look, longer: Look, candidate: Candidate, layer: int) -> Candidate:
