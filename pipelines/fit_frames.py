@@ -108,16 +108,16 @@ def weigh(
     keeper: Keeper, puppet: Kept[Puppet], crops: Kept[Crops], hypotheses: Kept[Hypotheses], frames: Frames
 ) -> Kept[Poses]:
     """Let the fit's energy choose each drawing's hypothesis, chunk by chunk."""
-    parts: list[Kept[Any]] = []
+    from wildpuppet.fit.spans import spans_of
+
     with keeper.step(stages.WEIGH.name, frames.number):
-        for first in range(0, frames.number, CHUNK):
-            last = min(frames.number, first + CHUNK)
-            parts.append(
-                keeper.keep(
-                    stages.WEIGH_PART, weight=last - first, puppet=puppet, crops=crops, hypotheses=hypotheses,
-                    frames=given(slice(first, last), [first, last]),
-                )
-            )  # fmt: skip
+        parts = [
+            keeper.keep(
+                stages.WEIGH_PART, weight=span.stop - span.start, puppet=puppet, crops=crops, hypotheses=hypotheses,
+                frames=given(span, [span.start, span.stop]),
+            )
+            for span in spans_of(crops.value.drawing, CHUNK)
+        ]  # fmt: skip
         return keeper.keep(stages.WEIGH, weight=0.0, parts=parts)
 
 

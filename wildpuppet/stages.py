@@ -130,11 +130,12 @@ def _search_part(
 def _search(parts: list[Hypotheses], frames: list[int], machine: Machine) -> Hypotheses:
     """Put the pieces, which were solved in the order ``frames``, into the order of the frames."""
     order = np.argsort(np.array(frames))
-    joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in _HYPOTHESES_FIELDS}
-    return Hypotheses(**joined)
+    return Hypotheses(**{name: values[order] for name, values in _joined(parts).items()})
 
 
-_HYPOTHESES_FIELDS = ("crop_from_canvas", "order", "cost")
+def _joined(parts: list[Hypotheses] | list[Poses]) -> dict[str, np.ndarray]:
+    """Put the pieces' arrays one after the other, field by field."""
+    return {field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(parts[0])}
 
 
 def _keyframes_part(
@@ -174,8 +175,7 @@ def _weigh_part(
 
 
 def _weigh(parts: list[Poses], machine: Machine) -> Poses:
-    joined = {field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Poses)}
-    return Poses(**joined)
+    return Poses(**_joined(parts))
 
 
 def _rest(puppet: Puppet, crops: Crops, placement: Float[np.ndarray, "2 3"], machine: Machine) -> Poses:

@@ -1,5 +1,7 @@
 """A man with a spear, drawn by OpenCV: the search's best hypothesis holds it upside down."""
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 import pytest
@@ -42,14 +44,19 @@ def true_maps() -> np.ndarray:
     return np.stack([np.stack([turned(HAND, 0.0), turned(HAND, turn)]) for turn in TURNS])
 
 
+def shown(layers: Sequence[np.ndarray], maps: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Lay parts over one another, (H, W, 4)."""
+    picture = np.zeros((size[1], size[0], 4), np.uint8)
+    for rgba, way in zip(layers, maps, strict=True):
+        part = cv2.warpAffine(rgba, affine.for_opencv(way), size, flags=cv2.INTER_AREA)
+        share = part[..., 3:] / 255.0
+        picture = np.rint(part * share + picture * (1 - share)).astype(np.uint8)
+    return picture
+
+
 def pictures() -> np.ndarray:
-    shown = np.zeros((len(TURNS), SIDE, SIDE, 4), np.uint8)
-    for picture, maps in zip(shown, true_maps(), strict=True):
-        for name, way in zip(("body", "spear"), maps, strict=True):
-            part = cv2.warpAffine(layer(name), affine.for_opencv(way), (SIDE, SIDE), flags=cv2.INTER_AREA)
-            share = part[..., 3:] / 255.0
-            picture[:] = np.rint(part * share + picture * (1 - share))
-    return shown
+    layers = [layer(name) for name in ("body", "spear")]
+    return np.stack([shown(layers, maps, (SIDE, SIDE)) for maps in true_maps()])
 
 
 @pytest.fixture(scope="module")
@@ -128,11 +135,7 @@ def test_limbs_that_trade_places_are_left_to_the_search():
     order = np.arange(3)
     straight = np.stack([PLACE, about_shoulder(-0.5), about_shoulder(0.5)])
     traded = straight[[0, 2, 1]]
-    picture = np.zeros((1, SIZE[1], SIZE[0], 4), np.uint8)
-    for part, way in zip(arms.parts, straight, strict=True):
-        drawn = cv2.warpAffine(part.rgba, affine.for_opencv(way), SIZE, flags=cv2.INTER_AREA)
-        share = drawn[..., 3:] / 255.0
-        picture[0] = np.rint(drawn * share + picture[0] * (1 - share))
+    picture = shown([part.rgba for part in arms.parts], straight, SIZE)[None]
     assert puppet.names == ("body", "first", "second")
     crops = Crops(
         np.arange(1), SIZE, np.eye(2, 3)[None], picture, np.array([[20.0, 10.0, 70.0, 80.0]]), np.arange(1),

@@ -12,16 +12,13 @@ from jaxtyping import Float, Int
 
 from wildpuppet.fit.descent import energies, make_problem
 from wildpuppet.fit.pins import pinned_vertices, pins_of
-from wildpuppet.fit.solve import images_of, solve
+from wildpuppet.fit.solve import BATCH, images_of, solve
 from wildpuppet.fit.target import target_at
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
 from wildpuppet.pose.place import pose_vertices
 from wildpuppet.settings import FitSettings
 from wildpuppet.types import Crops, Fit, FitState, Keyframe, Poses, Puppet
-
-BATCH = 8
-"""Frames solved together; a bound on memory."""
 
 
 def fit(

@@ -17,6 +17,8 @@ from wildpuppet.types import Crops, Puppet
 
 Solved: TypeAlias = tuple[Float[np.ndarray, "V 2"], dict[str, float]]
 """Vertices (crop pixels) and each term of their energy before weighting."""
+BATCH = 8
+"""Frames or poses solved together; a bound on memory."""
 STEADY = 0.97
 """A held frame leaves its place for an energy lower than this share only: a hold must not tremble."""
 

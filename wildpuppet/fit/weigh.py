@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Bool, Float, Int, UInt8
 from msgspec import structs
 
-from wildpuppet.fit.solve import images_of, solve, total
+from wildpuppet.fit.solve import BATCH, solve, total
 from wildpuppet.geometry import affine
 from wildpuppet.machine import Machine
 from wildpuppet.pose.choose import margins
@@ -26,8 +26,6 @@ from wildpuppet.types import Crops, Hypotheses, Poses, Puppet
 
 LIKELY = 1.35
 """Hypotheses that cost up to so many times the best one's are weighed."""
-BATCH = 8
-"""Hypotheses solved together; a bound on memory."""
 
 
 def weigh(
@@ -44,7 +42,7 @@ def weigh(
         traded = _traded(affine.apply(maps, middles[:, None])[:, :, 0], twins)
         likely = np.flatnonzero((cost <= LIKELY * cost[0]) & ~traded)
         if len(likely) > 1:
-            energy = _energies(puppet, images_of(crops, index[row : row + 1]), hypotheses, int(t), likely, settings)
+            energy = _energies(puppet, crops.images[int(t) : int(t) + 1], hypotheses, int(t), likely, settings)
             best = int(np.argmin(energy))
             picked[row] = likely[best] if energy[best] < settings.overrule * energy[0] else 0
         machine.progress(row + 1, len(index))

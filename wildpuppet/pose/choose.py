@@ -178,7 +178,7 @@ def best_path(costs: Float[np.ndarray, "T N"], steps: list[Float[np.ndarray, "N 
 
 
 def margins(cost: Float[np.ndarray, "T N"], picked: Int[np.ndarray, "T"]) -> Float[np.ndarray, "T"]:
-    """How much more the best other hypothesis costs; negative where time overruled the pixels."""
+    """How much more the best other hypothesis costs; negative where time, or the fit, overruled the search."""
     if cost.shape[1] < 2:
         return np.full(len(cost), np.inf)
     others = cost.copy()

@@ -67,7 +67,7 @@ def stretched(
             limb = tree.below(heads[layer])
             found = longer.rehang(best[1], heads[layer], limb, 2, turns={layer: most})
             if tries.is_deep:
-                found = [*found, *_hung_below(longer, found, layer)]
+                found = _with_hung_below(longer, found, layer)
             costs = longer.judge(found) + price * _squares(tried)
             row = int(np.argmin(costs))
             if costs[row] < best[0] - 1e-9:
@@ -77,12 +77,12 @@ def stretched(
     return best
 
 
-def _hung_below(look: Look, poses: list[Candidate], layer: int) -> list[Candidate]:
-    """Hang what hangs from a part anew, one limb after the other, from each of the poses and those that come of it."""
-    tree, found = look.solution.tree, list(poses)
+def _with_hung_below(look: Look, poses: list[Candidate], layer: int) -> list[Candidate]:
+    """Add the poses in which some of what hangs from a part is hung anew by itself."""
+    tree = look.solution.tree
     for edge in tree.children(layer):
-        found += [one for pose in found for one in look.rehang(pose, edge.child, tree.below(edge.child), 1)]
-    return found[len(poses) :]
+        poses = poses + [one for pose in poses for one in look.rehang(pose, edge.child, tree.below(edge.child), 1)]
+    return poses
 
 
 def _squares(steps: Stretches) -> int:
